@@ -1,0 +1,25 @@
+"""What every detector with its descriptor offers."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import UInt8
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+
+
+class FeatureExtractor(ABC):
+    """Detects features in a grey picture and describes each one.
+
+    A subclass is final, takes only plain keyword arguments (numbers, strings, booleans: they identify it in the cache
+    and in a checkpoint) and keeps them as attributes of the same names.
+    """
+
+    node_type: ClassVar[NodeType]
+    descriptor_dim: ClassVar[int]
+
+    @abstractmethod
+    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
+        """All features of a picture, strongest first, in pixels of that picture, descriptors of unit norm."""

@@ -1,0 +1,46 @@
+"""Line segments with the Line Band Descriptor."""
+
+from typing import ClassVar, final
+
+import numpy as np
+from jaxtyping import UInt8
+
+from geoskill.errors import InputError
+from geoskill.features.extractor import FeatureExtractor
+from geoskill.features.feature_set import FeatureSet
+from geoskill.features.line_band_descriptor import DESCRIPTOR_DIM, describe
+from geoskill.features.lsd import detect_segments
+from geoskill.geometry.primitives import NodeType
+
+
+@final
+class Lbd(FeatureExtractor):
+    """Segments of the Line Segment Detector, each described by its surroundings; the strength is the length in pixels.
+
+    Args:
+        min_length_ratio: shortest segment, as a fraction of the picture's diagonal, in [0, 1).
+        band_width: width in pixels of each of the nine bands, odd; the paper's is 7.
+
+    Raises:
+        InputError: when either number is out of range, or OpenCV lacks the detector (see :func:`detect_segments`).
+    """
+
+    node_type: ClassVar[NodeType] = NodeType.LINE
+    descriptor_dim: ClassVar[int] = DESCRIPTOR_DIM
+
+    def __init__(self, *, min_length_ratio: float = 0.015, band_width: int = 7) -> None:
+        if not 0 <= min_length_ratio < 1:
+            raise InputError(
+                f"min_length_ratio is {min_length_ratio}; expected a fraction of the picture's diagonal in [0, 1)"
+            )
+        if band_width < 1 or band_width % 2 == 0:
+            raise InputError(f"band_width is {band_width}; expected a positive odd number of pixels")
+        self.min_length_ratio = min_length_ratio
+        self.band_width = band_width
+
+    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
+        """All segments of a picture that are long enough, the longest first; none in a picture without edges."""
+        segments, strength = detect_segments(image, self.min_length_ratio * float(np.hypot(*image.shape)))
+        if len(segments) == 0:
+            return FeatureSet.empty(self.node_type, self.descriptor_dim)
+        return FeatureSet(self.node_type, describe(image, segments, self.band_width), segments, strength)

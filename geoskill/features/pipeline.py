@@ -1,0 +1,65 @@
+"""From a frame to its features: enlarge, extract, keep the strongest, return to the frame's pixels."""
+
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from geoskill.errors import InputError
+from geoskill.features.cache import FeatureCache
+from geoskill.features.extractor import FeatureExtractor
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.transforms import rescale_points
+
+
+@final
+class FeaturePipeline:
+    """An extractor with what every extractor needs around it.
+
+    Args:
+        extractor: finds and describes features.
+        max_features: how many features of a frame are kept, strongest first.
+        min_side: pictures whose shorter side has fewer pixels are enlarged to it before extraction (0: never), since
+            detectors miss the small structures of small pictures. Coordinates always come back in the frame's pixels.
+        cache: where extracted features are kept between runs, or None.
+
+    Raises:
+        InputError: when ``max_features`` or ``min_side`` is out of range.
+    """
+
+    def __init__(
+        self, extractor: FeatureExtractor, *, max_features: int, min_side: int, cache: FeatureCache | None = None
+    ) -> None:
+        if max_features < 2:
+            raise InputError(f"features.max_features={max_features}: expected at least 2")
+        if min_side < 0:
+            raise InputError(f"features.min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
+        self.extractor = extractor
+        self.max_features = max_features
+        self.min_side = min_side
+        self.cache = cache
+
+    @property
+    def identity(self) -> str:
+        """Everything besides the frame that the features depend on, as text."""
+        kind = type(self.extractor)
+        settings = sorted(vars(self.extractor).items())
+        return f"{kind.__module__}.{kind.__qualname__}{settings} {self.max_features} {self.min_side} {cv2.__version__}"
+
+    def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
+        """At most ``max_features`` features of an RGB frame, strongest first, in pixels of the frame."""
+        if self.cache is None:
+            return self._extract(frame)
+        return self.cache.get_or_compute(frame, self.identity, lambda: self._extract(frame))
+
+    def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
+        grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+        height, width = grey.shape
+        factor = max(1.0, self.min_side / min(height, width))
+        if factor > 1.0:
+            size = (round(width * factor), round(height * factor))
+            grey = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
+        found = self.extractor.extract(np.asarray(grey, np.uint8)).take(slice(self.max_features))
+        geometry = rescale_points(found.geometry, width / grey.shape[1], height / grey.shape[0])
+        return FeatureSet(found.node_type, found.descriptors, geometry.astype(np.float32), found.strength)

@@ -1,0 +1,98 @@
+"""A frame under one kernel as a PyTorch Geometric graph.
+
+The ``m`` small graphs of a frame share its features, so they are not written out one by one: a frame is one
+:class:`MotifGraph` with its features as nodes and one index tensor ``[k, m]`` that says which features each instance
+joins. PyTorch Geometric's own ``DataLoader`` batches it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+from torch_geometric.data import Data
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel, node_types
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where a frame's features lie in the other frame of a transition.
+
+    Attributes:
+        geometry: ``[n, g]`` in pixels; equal to the frame's own where a feature was not followed.
+        followed: ``[n]``.
+    """
+
+    geometry: Float[Tensor, "n g"]
+    followed: Bool[Tensor, " n"]
+
+
+@final
+class MotifGraph(Data):
+    """The features of one frame and every instance of one kernel on them; build it with :func:`motif_graph`.
+
+    Attributes, for each node type ``T`` of the kernel (``point``, ``line``):
+        T_descriptor: ``[n_T, D_T]``, unit norm.
+        T_geometry: ``[n_T, g]``, pixels.
+        T_moved, T_followed: the :class:`Motion`, in training only.
+
+    And for the instances:
+        instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
+        instance_frame: ``[m]``, zero; in a batch, the number of the frame that an instance belongs to.
+        roles: the kernel's node types.
+    """
+
+    def __inc__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> Any:
+        if key == "instance_index":
+            # Each row indexes another type's nodes, so each has its own offset.
+            return torch.tensor([[self.node_count(NodeType(role))] for role in self.roles])
+        if key == "instance_frame":
+            return 1
+        return 0
+
+    def __cat_dim__(self, key: str, value: Any, *args: Any, **kwargs: Any) -> int:
+        return 1 if key == "instance_index" else 0
+
+    def node_count(self, node_type: NodeType) -> int:
+        """Features of this type in the frame."""
+        return int(self[f"{node_type}_geometry"].shape[0])
+
+
+def motif_graph(
+    kernel: Kernel, features: Mapping[NodeType, FeatureSet], motion: Mapping[NodeType, Motion] | None = None
+) -> MotifGraph:
+    """The graph of one frame.
+
+    Args:
+        kernel: gives the node types and the instances.
+        features: one feature set for each of the kernel's node types.
+        motion: for each node type, where the features went; for training.
+    """
+    graph = MotifGraph()
+    types = node_types(kernel)
+    for node_type in types:
+        found = features[node_type]
+        graph[f"{node_type}_descriptor"] = torch.from_numpy(found.descriptors)
+        graph[f"{node_type}_geometry"] = torch.from_numpy(found.geometry)
+        if motion is not None:
+            graph[f"{node_type}_moved"] = motion[node_type].geometry
+            graph[f"{node_type}_followed"] = motion[node_type].followed
+    counts = {node_type: len(features[node_type]) for node_type in types}
+    graph.num_nodes = sum(counts.values())
+    graph.roles = tuple(str(role) for role in kernel.roles)
+    graph.instance_index = kernel.instances(counts)
+    graph.instance_frame = torch.zeros(graph.instance_index.shape[1], dtype=torch.long)
+    return graph
+
+
+def gather_nodes(
+    kernel: Kernel, nodes: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
+) -> list[Float[Tensor, "m _"]]:
+    """For each role of the kernel, the rows of the features that the instances have there."""
+    return [nodes[role][row] for role, row in zip(kernel.roles, instance_index, strict=True)]

@@ -1,0 +1,23 @@
+"""Index tensors of all associations of a kind."""
+
+import torch
+from jaxtyping import Int64
+from torch import Tensor
+
+
+def unordered_pairs(count: int) -> Int64[Tensor, "2 m"]:
+    """All pairs i < j of ``count`` features of one type; m = count * (count - 1) / 2.
+
+    >>> unordered_pairs(3).tolist()
+    [[0, 0, 1], [1, 2, 2]]
+    """
+    return torch.triu_indices(count, count, offset=1)
+
+
+def all_pairs(first: int, second: int) -> Int64[Tensor, "2 m"]:
+    """Every feature of one type with every feature of another; m = first * second.
+
+    >>> all_pairs(2, 2).tolist()
+    [[0, 0, 1, 1], [0, 1, 0, 1]]
+    """
+    return torch.cartesian_prod(torch.arange(first), torch.arange(second)).reshape(-1, 2).T.contiguous()

@@ -1,0 +1,66 @@
+"""What every skill kernel is: a motif of typed nodes, its instances in a frame, and its control error."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from itertools import permutations
+from typing import ClassVar
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from geoskill.geometry.primitives import NodeType
+
+
+class Kernel(ABC):
+    """A small undirected graph whose nodes are geometric features (the paper, section III-A).
+
+    A subclass is final, lives in the file of its name, and sets:
+
+    Attributes:
+        name: the word on the command line and in files.
+        roles: the type of each of its ``k`` nodes.
+        edges: undirected edges between nodes, each once.
+        error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
+    """
+
+    name: ClassVar[str]
+    roles: ClassVar[tuple[NodeType, ...]]
+    edges: ClassVar[tuple[tuple[int, int], ...]]
+    error_dim: ClassVar[int]
+
+    @abstractmethod
+    def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "k m"]:
+        """Every possible association in a frame with so many features of each type.
+
+        Row ``r`` indexes the features of type ``roles[r]``. Associations that differ only by an automorphism of the
+        motif are listed once.
+        """
+
+    @abstractmethod
+    def control_error(self, nodes: Sequence[Float[Tensor, "m _"]]) -> Float[Tensor, "m d"]:
+        """The control error of ``m`` instances from the geometry of their nodes in pixels, one tensor per role."""
+
+
+def node_types(kernel: type[Kernel] | Kernel) -> tuple[NodeType, ...]:
+    """The distinct types of a kernel's nodes, in the order in which they first appear."""
+    return tuple(dict.fromkeys(kernel.roles))
+
+
+def directed_edges(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, int], ...]:
+    """Each edge in both directions, as (source, destination): the paths of the messages."""
+    return tuple(kernel.edges) + tuple((j, i) for i, j in kernel.edges)
+
+
+def automorphisms(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, ...], ...]:
+    """The permutations of a motif's nodes that keep types and edges, the identity first.
+
+    The score of an instance must not depend on which of them its nodes are listed in (METHOD: the motif is undirected).
+    For p2p these are (0, 1) and (1, 0); for p2l only (0, 1).
+    """
+    edges = {frozenset(edge) for edge in kernel.edges}
+    return tuple(
+        order
+        for order in permutations(range(len(kernel.roles)))
+        if all(kernel.roles[i] == kernel.roles[j] for i, j in enumerate(order))
+        and {frozenset((order[i], order[j])) for i, j in kernel.edges} == edges
+    )

@@ -1,0 +1,31 @@
+"""p2l: a point is on a line."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, final
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from geoskill.geometry.control_errors import point_to_line
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.enumeration import all_pairs
+from geoskill.kernels.kernel import Kernel
+
+
+@final
+class PointToLine(Kernel):
+    """A point that comes to lie on an edge; the error is its signed distance to the edge's line in pixels."""
+
+    name: ClassVar[str] = "p2l"
+    roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.LINE)
+    edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
+    error_dim: ClassVar[int] = 1
+
+    def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
+        """See :meth:`Kernel.instances`."""
+        return all_pairs(counts[NodeType.POINT], counts[NodeType.LINE])
+
+    def control_error(self, nodes: Sequence[Float[Tensor, "m _"]]) -> Float[Tensor, "m 1"]:
+        """See :meth:`Kernel.control_error`."""
+        point, line = nodes
+        return point_to_line(point, line)

@@ -1,0 +1,99 @@
+"""Message passing over the motif: the paper's network (section III-B, after Gilmer et al., ICML 2017)."""
+
+from collections.abc import Mapping
+from typing import final
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+
+from geoskill.errors import InputError
+from geoskill.geometry.primitives import NodeType
+from geoskill.model.encoder import DescriptorEncoder
+from geoskill.model.scorer import InstanceScorer, Motif
+
+
+@final
+class MessageLayer(nn.Module):
+    """One step: messages along the edges, summed at each node, taken in by a gated recurrent unit (equations 2 to 4).
+
+    The message function is a perceptron with one hidden layer on the two states side by side. Its first layer is kept
+    as two matrices, one for the source and one for the destination, so that each state is multiplied once however many
+    edges it has.
+    """
+
+    def __init__(self, hidden_dim: int) -> None:
+        super().__init__()
+        self.source = nn.Linear(hidden_dim, hidden_dim)
+        self.destination = nn.Linear(hidden_dim, hidden_dim, bias=False)
+        self.output = nn.Linear(hidden_dim, hidden_dim)
+        self.update = nn.GRUCell(hidden_dim, hidden_dim)
+
+    def message(self, source: Float[Tensor, "... h"], destination: Float[Tensor, "... h"]) -> Float[Tensor, "... h"]:
+        """The message from one node's state to another's; the reference implementation calls it too."""
+        return self.output(torch.relu(self.source(source) + self.destination(destination)))
+
+    def forward(
+        self, states: list[Float[Tensor, "m h"]], edges: tuple[tuple[int, int], ...]
+    ) -> list[Float[Tensor, "m h"]]:
+        """The next state of each of the motif's nodes, for ``m`` instances at once."""
+        sources = [self.source(state) for state in states]
+        destinations = [self.destination(state) for state in states]
+        updated = []
+        for node, state in enumerate(states):
+            incoming = [i for i, j in edges if j == node]
+            # The output layer is linear: summing before it, with its bias once per message, is the sum of the messages.
+            inner = [torch.relu(sources[i] + destinations[node]) for i in incoming]
+            total = nn.functional.linear(sum(inner[1:], inner[0]), self.output.weight, self.output.bias * len(inner))
+            updated.append(self.update(total, state))
+        return updated
+
+
+@final
+class MessagePassing(InstanceScorer):
+    """``T`` steps of message passing, then a perceptron on the final states.
+
+    Args:
+        motif: what an instance looks like.
+        hidden_dim: ``h``.
+        layers: ``T``.
+        shared_weights: one set of weights for all steps, as in Gilmer et al., or one for each.
+
+    Raises:
+        InputError: when ``hidden_dim`` or ``layers`` is below 1.
+    """
+
+    def __init__(self, motif: Motif, *, hidden_dim: int, layers: int, shared_weights: bool) -> None:
+        super().__init__()
+        for name, value in (("hidden_dim", hidden_dim), ("layers", layers)):
+            if value < 1:
+                raise InputError(f"model.{name}={value}: expected at least 1")
+        self.motif = motif
+        self.steps = layers
+        self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim)
+        self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
+        self.readout = nn.Sequential(
+            nn.Linear(len(motif.roles) * hidden_dim, hidden_dim), nn.ReLU(), nn.Linear(hidden_dim, 1)
+        )
+
+    def layer(self, step: int) -> MessageLayer:
+        """The layer of this step."""
+        layer = self.layers[step % len(self.layers)]
+        assert isinstance(layer, MessageLayer)
+        return layer
+
+    def read_out(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
+        """The relevance ``b``: the perceptron's mean over all orders of the nodes that the motif cannot tell apart."""
+        orders = self.motif.automorphisms
+        outputs = [self.readout(torch.cat([states[i] for i in order], dim=1)) for order in orders]
+        return torch.stack(outputs).mean(dim=0).squeeze(1)
+
+    def forward(
+        self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
+    ) -> Float[Tensor, " m"]:
+        """See :meth:`InstanceScorer.forward`."""
+        hidden = self.encoder(descriptors)
+        states = [hidden[role][row] for role, row in zip(self.motif.roles, instance_index, strict=True)]
+        for step in range(self.steps):
+            states = self.layer(step)(states, self.motif.edges)
+        return self.read_out(states)

@@ -1,0 +1,199 @@
+"""The InMaxEnt objective of a batch of transitions, to be maximised.
+
+    mean over transitions of (r - log Z(r))  -  lambda · mean RSW of both frames
+
+Source: Jin et al., ICRA 2020, equation 11 with the RSW regulariser and Algorithm 1; METHOD, settled points 6, 10 and 13
+and "The reward is the weak spot, and how to mend it".
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, final, get_args
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from geoskill.errors import InputError
+from geoskill.objective.partition import SIGMA0_RANGE, log_partition, log_partition_monte_carlo
+from geoskill.objective.reward import ErrorReduction, overall_error, reward, tracked_change
+from geoskill.objective.selection import residual_sum_of_weights
+
+RewardKind = Literal["tracked", "frame"]
+PartitionKind = Literal["exact", "monte_carlo"]
+
+
+@final
+@dataclass(frozen=True)
+class ObjectiveSettings:
+    """What the objective is made of.
+
+    Attributes:
+        sigma0: standard deviation of the expert's rewards (METHOD #8).
+        rsw_weight: lambda, the weight of RSW.
+        alternatives: p, how many instances per frame RSW lets be selected.
+        reward: ``tracked`` follows each frame's own instances to the other frame; ``frame`` is the paper's literal
+            comparison of Ec between frames.
+        error_reduction: how instances make up Ec (:func:`~geoskill.objective.reward.overall_error`).
+        partition: the closed form of log Z or the paper's estimate of it.
+        first_samples: s1 of the estimate, for the value.
+        second_samples: s2 of the estimate, for the gradient.
+        beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
+
+    Raises:
+        InputError: a value is outside its range; the message names the key.
+    """
+
+    sigma0: float = 0.55
+    rsw_weight: float = 0.1
+    alternatives: int = 10
+    reward: RewardKind = "tracked"
+    error_reduction: ErrorReduction = "norm"
+    partition: PartitionKind = "exact"
+    first_samples: int = 1000
+    second_samples: int = 1000
+    beta_scale: float = 1.5
+
+    def __post_init__(self) -> None:
+        lowest, highest = SIGMA0_RANGE
+        sigma0_fits = _is_number(self.sigma0) and lowest <= self.sigma0 <= highest
+        self._require("sigma0", sigma0_fits, f"a standard deviation from {lowest:g} to {highest:g}")
+        weight_fits = _is_number(self.rsw_weight) and self.rsw_weight >= 0
+        self._require("rsw_weight", weight_fits, "a number that is not negative")
+        self._require("beta_scale", _is_number(self.beta_scale) and self.beta_scale > 0, "a positive number")
+        for key in ("alternatives", "first_samples", "second_samples"):
+            value = getattr(self, key)
+            is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+            self._require(key, is_count, "a whole number of at least 1")
+        for key, choices in (
+            ("reward", get_args(RewardKind)),
+            ("error_reduction", get_args(ErrorReduction)),
+            ("partition", get_args(PartitionKind)),
+        ):
+            self._require(key, getattr(self, key) in choices, f"one of {', '.join(choices)}")
+
+    def _require(self, key: str, satisfied: bool, expected: str) -> None:
+        if not satisfied:
+            raise InputError(f"objective.{key} is {getattr(self, key)!r}; expected {expected}")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class FrameSelection:
+    """What a batch of frames selects, and what that is worth.
+
+    Attributes:
+        select_out: ``[m]``, g of every instance; sums to 1 over each frame.
+        errors: ``[m, d]``, its control error E.
+        change: ``[m]``, norm(E) at the later frame of the transition minus at the earlier one, of this frame's own
+            instance followed to the other frame; 0 where it could not be followed.
+        batch: ``[m]``, the frame of each instance, sorted, counted from 0.
+        num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
+
+    Raises:
+        ValueError: the tensors disagree in length, or there is no frame.
+    """
+
+    select_out: Float[Tensor, " m"]
+    errors: Float[Tensor, "m d"]
+    change: Float[Tensor, " m"]
+    batch: Int[Tensor, " m"]
+    num_frames: int
+
+    def __post_init__(self) -> None:
+        lengths = (len(self.select_out), len(self.errors), len(self.change), len(self.batch))
+        if len(set(lengths)) != 1:
+            raise ValueError(f"select_out, errors, change and batch have {lengths} rows; expected the same number")
+        if self.num_frames < 1:
+            raise ValueError(f"a selection has {self.num_frames} frames; expected at least one")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ObjectiveValue:
+    """The objective and its parts, scalar tensors, all still differentiable.
+
+    Attributes:
+        objective: to be maximised.
+        reward: mean r of the transitions, in [-1, 1].
+        rsw: mean residual sum of weights of all frames, in [0, 1].
+        error: mean magnitude of Ec of all frames, in the control error's unit; a frame without instance counts as 0.
+    """
+
+    objective: Float[Tensor, ""]
+    reward: Float[Tensor, ""]
+    rsw: Float[Tensor, ""]
+    error: Float[Tensor, ""]
+
+
+def transition_objective(
+    settings: ObjectiveSettings,
+    beta: float,
+    first: FrameSelection,
+    second: FrameSelection,
+    generator: torch.Generator | None = None,
+) -> ObjectiveValue:
+    """The objective over a batch of transitions.
+
+    With ``settings.reward`` ``tracked`` a transition has two rewards, one from the instances of its earlier frame and
+    one from those of its later frame, and counts with the mean of their likelihoods r - log Z(r); a frame without
+    instances has r = 0. With ``frame`` it has one, from norm(Ec) later minus earlier, which is taken as unchanged
+    when either frame has no instance (its Ec of 0 would pass for a decrease or an increase).
+
+    Args:
+        beta: of :func:`~geoskill.objective.reward.beta_from_changes`.
+        first: the earlier frames of the transitions.
+        second: the later frames, in the same order.
+        generator: of the Monte-Carlo samples; the exact partition function draws none.
+
+    Raises:
+        ValueError: the two selections have different numbers of frames.
+    """
+    if first.num_frames != second.num_frames:
+        raise ValueError(
+            f"the transitions have {first.num_frames} earlier and {second.num_frames} later frames; "
+            f"expected the same number"
+        )
+    error_first, error_second = (
+        overall_error(frames.select_out, frames.errors, frames.batch, frames.num_frames, settings.error_reduction)
+        for frames in (first, second)
+    )
+    if settings.reward == "tracked":
+        changes = torch.cat(
+            [tracked_change(each.select_out, each.change, each.batch, each.num_frames) for each in (first, second)]
+        )
+    else:
+        comparable = _has_instance(first) & _has_instance(second)
+        changes = torch.where(comparable, error_second - error_first, 0.0)
+    rewards = reward(changes, beta)
+    likelihood = (rewards - _log_partition(settings, rewards, generator)).mean()
+    rsw = torch.cat(
+        [
+            residual_sum_of_weights(each.select_out, each.batch, each.num_frames, settings.alternatives)
+            for each in (first, second)
+        ]
+    ).mean()
+    return ObjectiveValue(
+        objective=likelihood - settings.rsw_weight * rsw,
+        reward=rewards.mean(),
+        rsw=rsw,
+        error=torch.cat([error_first, error_second]).mean(),
+    )
+
+
+def _log_partition(
+    settings: ObjectiveSettings, rewards: Float[Tensor, " r"], generator: torch.Generator | None
+) -> Float[Tensor, " r"]:
+    if settings.partition == "exact":
+        return log_partition(rewards, settings.sigma0)
+    return log_partition_monte_carlo(
+        rewards, settings.sigma0, settings.first_samples, settings.second_samples, generator
+    )
+
+
+def _has_instance(frames: FrameSelection) -> Tensor:
+    return torch.bincount(frames.batch, minlength=frames.num_frames) > 0
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

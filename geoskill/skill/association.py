@@ -1,0 +1,79 @@
+"""What a skill says about one frame: the associations it selected and their control errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+
+
+@final
+@dataclass(frozen=True)
+class Node:
+    """One feature of an association: ``coordinates`` are x, y of a point or x1, y1, x2, y2 of a line, in pixels."""
+
+    node_type: NodeType
+    coordinates: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        expected = self.node_type.geometry_dim
+        if len(self.coordinates) != expected:
+            raise ValueError(f"a {self.node_type} has {len(self.coordinates)} coordinates; expected {expected}")
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """The point itself, or the midpoint of the segment."""
+        xy = np.reshape(self.coordinates, (-1, 2)).mean(axis=0)
+        return float(xy[0]), float(xy[1])
+
+    def as_json(self) -> dict[str, Any]:
+        """The node as it stands in ``associations.jsonl``."""
+        if self.node_type is NodeType.LINE:
+            x1, y1, x2, y2 = self.coordinates
+            return {"type": str(self.node_type), "xy": [[x1, y1], [x2, y2]]}
+        return {"type": str(self.node_type), "xy": list(self.coordinates)}
+
+
+@final
+@dataclass(frozen=True)
+class Association:
+    """One selected instance of a kernel.
+
+    Attributes:
+        kernel: the kernel's name, such as ``p2p``.
+        descriptor: the extractors of its nodes, such as ``sift`` or ``sift+lbd``.
+        rank: 1 for the instance with the largest select-out of its kernel.
+        confidence: the select-out g in [0, 1].
+        nodes: the features it joins.
+        error: the kernel's control error in pixels (see the kernel for sign and dimension).
+    """
+
+    kernel: str
+    descriptor: str
+    rank: int
+    confidence: float
+    nodes: tuple[Node, ...]
+    error: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class InferenceResult:
+    """The selected associations of one frame.
+
+    Attributes:
+        associations: the best of every ensemble member, in the order of the members, then by rank; the first one is
+            the first member's top association.
+        error: ``[d]``, the control errors of the members' top associations one after another; members without an
+            instance contribute nothing.
+        features: what each extractor found, by the extractor's name.
+        reasons: for each (kernel, descriptor) without any instance, why.
+    """
+
+    associations: tuple[Association, ...]
+    error: np.ndarray
+    features: Mapping[str, FeatureSet] = field(default_factory=dict)
+    reasons: Mapping[tuple[str, str], str] = field(default_factory=dict)

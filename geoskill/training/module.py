@@ -1,0 +1,133 @@
+"""Training as a Lightning module: maximise the objective of every member of the ensemble."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, final
+
+import torch
+from lightning import LightningModule
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from geoskill.geometry.control_errors import error_norm
+from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
+from geoskill.objective.selection import select_out
+from geoskill.training.noise import noisy
+
+Batch = Mapping[str, Mapping[str, MotifGraph]]
+
+
+@final
+class SkillTraining(LightningModule):
+    """All members of a skill, each learning by itself.
+
+    The members share batches and optimiser, but no weights, and their gradients are clipped one by one: an ensemble
+    learns what its members would have learned alone.
+
+    Everything random depends on the seed and the step only, so a resumed training goes on exactly as it would have.
+
+    Args:
+        members: by name; their ``beta`` must be fitted, or come from a checkpoint.
+        objective: what is maximised.
+        optimizer: makes an optimiser from parameters.
+        descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
+            over the descriptor's norm.
+        seed: of the noise and of Monte-Carlo samples.
+        description: plain values from which :class:`geoskill.Skill` builds the members again; stored in checkpoints.
+    """
+
+    def __init__(
+        self,
+        members: Mapping[str, KernelModel],
+        objective: ObjectiveSettings,
+        optimizer: Callable[[Iterable[nn.Parameter]], Optimizer],
+        *,
+        descriptor_noise: float,
+        seed: int,
+        description: Mapping[str, Any],
+    ) -> None:
+        super().__init__()
+        self.members = nn.ModuleDict(members)
+        self.objective = objective
+        self.optimizer = optimizer
+        self.descriptor_noise = descriptor_noise
+        self.seed = seed
+        self.description = dict(description)
+
+    def configure_optimizers(self) -> Optimizer:
+        """One optimiser over all members; Adam treats every weight by itself, so members do not mix."""
+        return self.optimizer(self.parameters())
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """Minus the sum of the members' objectives on a batch of transitions."""
+        values = {}
+        for position, (name, frames) in enumerate(batch.items()):
+            generator = torch.Generator(device=self.device)
+            # Steps, members and processes must not share noise.
+            stream = (self.global_step * len(self.members) + position) * self.trainer.world_size + self.global_rank
+            generator.manual_seed(self.seed * 1_000_003 + stream)
+            values[name] = self._member_objective(name, frames, generator)
+        for name, value in values.items():
+            for quantity in ("objective", "reward", "rsw", "error"):
+                self.log(f"{name}/{quantity}", getattr(value, quantity), batch_size=self._transitions(batch))
+        total = torch.stack([value.objective for value in values.values()])
+        self.log("objective", total.mean(), prog_bar=True, on_epoch=True, batch_size=self._transitions(batch))
+        rsw = torch.stack([value.rsw for value in values.values()]).mean()
+        self.log("rsw", rsw, prog_bar=True, on_epoch=True, on_step=False, batch_size=self._transitions(batch))
+        return -total.sum()
+
+    @staticmethod
+    def _transitions(batch: Batch) -> int:
+        return int(next(iter(batch.values()))["first"].num_graphs)
+
+    def _member_objective(
+        self, name: str, frames: Mapping[str, MotifGraph], generator: torch.Generator
+    ) -> ObjectiveValue:
+        member = self.members[name]
+        assert isinstance(member, KernelModel)
+        first = self._selection(member, frames["first"], generator)
+        second = self._selection(member, frames["second"], generator, backwards=True)
+        return transition_objective(self.objective, member.beta, first, second, generator)
+
+    def _selection(
+        self, member: KernelModel, graph: MotifGraph, generator: torch.Generator, backwards: bool = False
+    ) -> FrameSelection:
+        descriptors = member.attribute(graph, "descriptor")
+        if self.descriptor_noise > 0:
+            descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
+        selected = select_out(member(graph, descriptors), graph.instance_frame, graph.num_graphs)
+        errors = member.control_errors(graph)
+        change = error_changes(member, graph, errors)
+        return FrameSelection(
+            selected, errors, -change if backwards else change, graph.instance_frame, int(graph.num_graphs)
+        )
+
+    def configure_gradient_clipping(
+        self,
+        optimizer: Optimizer,
+        gradient_clip_val: float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clip the gradient's norm of each member by itself."""
+        if gradient_clip_val:
+            for member in self.members.values():
+                nn.utils.clip_grad_norm_(member.parameters(), gradient_clip_val)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Store what is needed to build the members again, as plain values."""
+        checkpoint["skill"] = self.description
+
+
+def error_changes(member: KernelModel, graph: MotifGraph, errors: Tensor | None = None) -> Tensor:
+    """By how much each instance's error norm changes from the graph's frame to the one its features were followed to.
+
+    Shape ``[m]``, in the unit of the kernel's error; 0 where a node was not followed, which earns no reward and costs
+    none.
+    """
+    own = member.control_errors(graph) if errors is None else errors
+    change = error_norm(member.control_errors(graph, "moved")) - error_norm(own)
+    followed = member.attribute(graph, "followed")
+    rows = zip(member.kernel.roles, graph.instance_index, strict=True)
+    known = torch.stack([followed[role][row] for role, row in rows]).all(dim=0)
+    return torch.where(known, change, torch.zeros_like(change))
