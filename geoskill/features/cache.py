@@ -5,6 +5,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import final
 
@@ -17,6 +18,8 @@ from geoskill.geometry.primitives import NodeType
 
 # Raise it when the meaning of what an extractor returns changes without its settings changing.
 FORMAT = 1
+# The part of the limit that may be written between two looks at the whole folder, and is kept free for it.
+SLACK = 0.05
 
 
 def default_folder() -> Path:
@@ -40,39 +43,31 @@ class FeatureCache:
     """
 
     def __init__(self, folder: str | Path | None = None, limit_mb: float = 500.0) -> None:
-        if limit_mb <= 0:
+        if not limit_mb > 0:
             raise InputError(f"features.cache.limit_mb={limit_mb}: expected a positive number of megabytes")
         self.folder = Path(folder) if folder else default_folder()
-        self.limit_bytes = int(limit_mb * 1e6)
-        self._written = 0
+        self.limit_bytes = limit_mb * 1e6
+        # Since the folder was last looked through; at the start as if much, for it may be full of earlier runs' files.
+        self._written = self.limit_bytes
 
     def get_or_compute(
         self, frame: UInt8[np.ndarray, "height width 3"], identity: str, compute: Callable[[], FeatureSet]
     ) -> FeatureSet:
         """The stored features of this frame under this identity, or those of ``compute``, which are then stored."""
         path = self._path(frame, identity)
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                found = FeatureSet(
-                    NodeType(str(stored["node_type"])),
-                    stored["descriptors"],
-                    stored["geometry"],
-                    stored["strength"],
-                )
-            os.utime(path)  # marks it as used, for `_evict`
-            return found
-        except Exception:  # absent, half a file of a full disk, or not ours: NumPy raises a dozen kinds of errors
-            pass
-        features = compute()
-        try:
-            self._store(path, features)
-        except OSError:
-            pass
+        features = _load(path)
+        if features is None:
+            features = compute()
+            with suppress(OSError):
+                self._store(path, features)
+        else:
+            with suppress(OSError):  # a folder that cannot be written can still be read
+                os.utime(path)  # marks it as used, for `_evict`
         return features
 
     def _path(self, frame: UInt8[np.ndarray, "height width 3"], identity: str) -> Path:
         digest = hashlib.sha256(f"{FORMAT} {identity} {frame.shape}".encode())
-        digest.update(np.ascontiguousarray(frame))
+        digest.update(np.ascontiguousarray(frame).data)
         name = digest.hexdigest()
         return self.folder / name[:2] / f"{name}.npz"
 
@@ -94,7 +89,7 @@ class FeatureCache:
             raise
         self._written += path.stat().st_size
         # Walking the folder at every frame would cost more than it saves.
-        if self._written > self.limit_bytes / 20:
+        if self._written > self.limit_bytes * SLACK:
             self._written = 0
             self._evict()
 
@@ -111,7 +106,17 @@ class FeatureCache:
                 files.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in files)
         for _, size, path in sorted(files):
-            if total <= self.limit_bytes:
+            if total <= self.limit_bytes * (1 - SLACK):
                 break
             path.unlink(missing_ok=True)
             total -= size
+
+
+def _load(path: Path) -> FeatureSet | None:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return FeatureSet(
+                NodeType(str(stored["node_type"])), stored["descriptors"], stored["geometry"], stored["strength"]
+            )
+    except Exception:  # absent, half a file of a full disk, or not ours: NumPy raises a dozen kinds of errors
+        return None

@@ -14,7 +14,9 @@ from geoskill.geometry.primitives import NodeType
 
 @final
 class Orb(FeatureExtractor):
-    """OpenCV's ORB; its 256 bits become ±1/sqrt(256), so that a dot product is one minus twice the Hamming distance.
+    """OpenCV's ORB; its 256 bits become ±1/sqrt(256), so that a dot product is 1 - 2/256 of the Hamming distance.
+
+    A picture whose shorter side has fewer than 63 pixels has no keypoint: the detector leaves out a border of 31.
 
     Args:
         candidates: keypoints asked of the detector before the pipeline keeps the strongest.
@@ -31,9 +33,28 @@ class Orb(FeatureExtractor):
     def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
         """See :meth:`FeatureExtractor.extract`."""
         detector = cv2.ORB.create(nfeatures=self.candidates, fastThreshold=self.fast_threshold)
-        keypoints = distinct_keypoints(detector.detect(image, None))
-        keypoints, packed = detector.compute(image, keypoints)
-        if not keypoints:
+        # Below this size there is no keypoint, and on pictures of a few pixels OpenCV's pyramid breaks.
+        if min(image.shape) <= 2 * detector.getEdgeThreshold():
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
-        bits = np.unpackbits(np.asarray(packed, np.uint8), axis=1).astype(np.float32)
-        return keypoint_features(keypoints, (2.0 * bits - 1.0) / np.sqrt(np.float32(self.descriptor_dim)))
+        found, packed = detector.detectAndCompute(image, None)
+        if not found:
+            return FeatureSet.empty(self.node_type, self.descriptor_dim)
+        factor = detector.getScaleFactor()
+        keypoints = distinct_keypoints(_in_image_pixels(k, row, image.shape, factor) for row, k in enumerate(found))
+        bits = np.unpackbits(np.asarray(packed, np.uint8)[[k.class_id for k in keypoints]], axis=1)
+        return keypoint_features(keypoints, (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1])))
+
+
+def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, ...], scale_factor: float) -> cv2.KeyPoint:
+    """The keypoint where it lies in the picture; its ``class_id`` is the row of its descriptor.
+
+    OpenCV multiplies a pixel of a pyramid level by the nominal scale. That ignores that pixel centres move when a
+    picture is resized, and that a level has a whole number of pixels: up to 2 px too far to the left and up.
+    """
+    scale = scale_factor**keypoint.octave
+
+    def coordinate(nominal: float, side: int) -> float:
+        return (round(nominal / scale) + 0.5) * side / round(side / scale) - 0.5
+
+    x, y = coordinate(keypoint.pt[0], shape[1]), coordinate(keypoint.pt[1], shape[0])
+    return cv2.KeyPoint(x, y, keypoint.size, keypoint.angle, keypoint.response, keypoint.octave, row)

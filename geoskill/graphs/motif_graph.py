@@ -34,7 +34,7 @@ class Motion:
 
 
 @final
-class MotifGraph(Data):
+class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes have no types
     """The features of one frame and every instance of one kernel on them; build it with :func:`motif_graph`.
 
     Attributes, for each node type ``T`` of the kernel (``point``, ``line``):

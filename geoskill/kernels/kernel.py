@@ -18,15 +18,20 @@ class Kernel(ABC):
 
     Attributes:
         name: the word on the command line and in files.
+        meaning: what the association says, for the readable definition of a skill.
         roles: the type of each of its ``k`` nodes.
         edges: undirected edges between nodes, each once.
         error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
+        resolution: change of the error's norm that detection can just resolve, in the error's unit; an instance that
+            changes by less is at rest.
     """
 
     name: ClassVar[str]
+    meaning: ClassVar[str]
     roles: ClassVar[tuple[NodeType, ...]]
     edges: ClassVar[tuple[tuple[int, int], ...]]
     error_dim: ClassVar[int]
+    resolution: ClassVar[float]
 
     @abstractmethod
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "k m"]:

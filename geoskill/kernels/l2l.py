@@ -17,9 +17,11 @@ class LineToLine(Kernel):
     """Two edges that come to lie on one line; see :func:`line_to_line` for the error and its sign."""
 
     name: ClassVar[str] = "l2l"
+    meaning: ClassVar[str] = "one line comes to lie on another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 2
+    resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
         """See :meth:`Kernel.instances`."""

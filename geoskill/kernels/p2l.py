@@ -17,9 +17,11 @@ class PointToLine(Kernel):
     """A point that comes to lie on an edge; the error is its signed distance to the edge's line in pixels."""
 
     name: ClassVar[str] = "p2l"
+    meaning: ClassVar[str] = "a point comes onto a line"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 1
+    resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
         """See :meth:`Kernel.instances`."""

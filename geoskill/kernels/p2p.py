@@ -17,9 +17,11 @@ class PointToPoint(Kernel):
     """Two points that come together; the error is first minus second, in pixels, and flips when they are swapped."""
 
     name: ClassVar[str] = "p2p"
+    meaning: ClassVar[str] = "one point comes onto another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.POINT)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 2
+    resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
         """See :meth:`Kernel.instances`."""

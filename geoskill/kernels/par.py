@@ -17,9 +17,11 @@ class Parallel(Kernel):
     """Two edges that turn parallel; the error is the sine of the angle from the first to the second, up to sign."""
 
     name: ClassVar[str] = "par"
+    meaning: ClassVar[str] = "one line turns parallel to another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 1
+    resolution: ClassVar[float] = 0.02  # one degree, about what a segment of 60 px shows when its ends are 1 px off
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
         """See :meth:`Kernel.instances`."""

@@ -57,4 +57,5 @@ class Bilinear(InstanceScorer):
             (source[roles[i]][instance_index[i]] * destination[roles[j]][instance_index[j]]).sum(dim=1)
             for i, j in self.motif.edges
         ]
-        return torch.stack(terms).sum(dim=0) * self.scale
+        scores: Tensor = torch.stack(terms).sum(dim=0) * self.scale
+        return scores

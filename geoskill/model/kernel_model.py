@@ -19,20 +19,48 @@ class KernelModel(nn.Module):
 
     Args:
         kernel: the motif and its control error.
+        extractors: the name of the extractor that feeds each node type.
         scorer: the network built for this motif.
 
     Attributes:
-        beta: the reward's scale, fitted to the demonstration before training; NaN until then. A buffer, so that a
-            checkpoint holds it.
+        spans: ``[s]``, the lengths in frames of the transitions it was trained on; empty before training.
+        beta: ``[s]``, the reward's scale for each of them, fitted to the demonstration. Both are buffers, so that a
+            checkpoint holds them.
+
+    Raises:
+        ValueError: when a node type of the kernel has no extractor.
     """
 
+    spans: Tensor
     beta: Tensor
 
-    def __init__(self, kernel: Kernel, scorer: InstanceScorer) -> None:
+    def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
+        if set(extractors) != set(kernel.roles):
+            raise ValueError(f"{kernel.name} has extractors for {sorted(extractors)}; expected {sorted(kernel.roles)}")
         self.kernel = kernel
+        self.extractors = {node_type: extractors[node_type] for node_type in node_types(kernel)}
         self.scorer = scorer
-        self.register_buffer("beta", torch.tensor(float("nan")))
+        self.register_buffer("spans", torch.zeros(0, dtype=torch.long))
+        self.register_buffer("beta", torch.zeros(0))
+
+    def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
+        """Keep what was fitted to the demonstration."""
+        if spans.shape != beta.shape:
+            raise ValueError(f"{len(beta)} values of beta for {len(spans)} spans; expected as many")
+        self.spans, self.beta = spans, beta
+
+    def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
+        # How many spans there are depends on the demonstration, so the stored shape rules.
+        for name in ("spans", "beta"):
+            if prefix + name in state_dict:
+                setattr(self, name, torch.empty_like(state_dict[prefix + name]))
+        super()._load_from_state_dict(state_dict, prefix, *args)
+
+    @property
+    def descriptor(self) -> str:
+        """The names of its extractors, such as ``sift`` or ``sift+lbd``."""
+        return "+".join(self.extractors.values())
 
     @property
     def node_types(self) -> tuple[NodeType, ...]:

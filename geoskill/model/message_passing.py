@@ -31,7 +31,8 @@ class MessageLayer(nn.Module):
 
     def message(self, source: Float[Tensor, "... h"], destination: Float[Tensor, "... h"]) -> Float[Tensor, "... h"]:
         """The message from one node's state to another's; the reference implementation calls it too."""
-        return self.output(torch.relu(self.source(source) + self.destination(destination)))
+        message: Tensor = self.output(torch.relu(self.source(source) + self.destination(destination)))
+        return message
 
     def forward(
         self, states: list[Float[Tensor, "m h"]], edges: tuple[tuple[int, int], ...]

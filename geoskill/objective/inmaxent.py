@@ -16,7 +16,7 @@ from torch import Tensor
 
 from geoskill.errors import InputError
 from geoskill.objective.partition import SIGMA0_RANGE, log_partition, log_partition_monte_carlo
-from geoskill.objective.reward import ErrorReduction, overall_error, reward, tracked_change
+from geoskill.objective.reward import ErrorChange, ErrorReduction, overall_error, reward, tracked_change
 from geoskill.objective.selection import residual_sum_of_weights
 
 RewardKind = Literal["tracked", "frame"]
@@ -34,6 +34,7 @@ class ObjectiveSettings:
         alternatives: p, how many instances per frame RSW lets be selected.
         reward: ``tracked`` follows each frame's own instances to the other frame; ``frame`` is the paper's literal
             comparison of Ec between frames.
+        change: how a tracked instance's change of error is measured (:func:`~geoskill.objective.reward.error_change`).
         error_reduction: how instances make up Ec (:func:`~geoskill.objective.reward.overall_error`).
         partition: the closed form of log Z or the paper's estimate of it.
         first_samples: s1 of the estimate, for the value.
@@ -48,6 +49,7 @@ class ObjectiveSettings:
     rsw_weight: float = 0.1
     alternatives: int = 10
     reward: RewardKind = "tracked"
+    change: ErrorChange = "relative"
     error_reduction: ErrorReduction = "norm"
     partition: PartitionKind = "exact"
     first_samples: int = 1000
@@ -67,6 +69,7 @@ class ObjectiveSettings:
             self._require(key, is_count, "a whole number of at least 1")
         for key, choices in (
             ("reward", get_args(RewardKind)),
+            ("change", get_args(ErrorChange)),
             ("error_reduction", get_args(ErrorReduction)),
             ("partition", get_args(PartitionKind)),
         ):
@@ -85,7 +88,7 @@ class FrameSelection:
     Attributes:
         select_out: ``[m]``, g of every instance; sums to 1 over each frame.
         errors: ``[m, d]``, its control error E.
-        change: ``[m]``, norm(E) at the later frame of the transition minus at the earlier one, of this frame's own
+        change: ``[m]``, change of norm(E) from the earlier to the later frame of the transition, of this frame's own
             instance followed to the other frame; 0 where it could not be followed.
         batch: ``[m]``, the frame of each instance, sorted, counted from 0.
         num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
@@ -128,7 +131,7 @@ class ObjectiveValue:
 
 def transition_objective(
     settings: ObjectiveSettings,
-    beta: float,
+    beta: float | Float[Tensor, " frames"],
     first: FrameSelection,
     second: FrameSelection,
     generator: torch.Generator | None = None,
@@ -141,7 +144,8 @@ def transition_objective(
     when either frame has no instance (its Ec of 0 would pass for a decrease or an increase).
 
     Args:
-        beta: of :func:`~geoskill.objective.reward.beta_from_changes`.
+        settings: what the objective is made of.
+        beta: of :func:`~geoskill.objective.reward.beta_from_changes`, one for all or one for each transition.
         first: the earlier frames of the transitions.
         second: the later frames, in the same order.
         generator: of the Monte-Carlo samples; the exact partition function draws none.
@@ -165,6 +169,8 @@ def transition_objective(
     else:
         comparable = _has_instance(first) & _has_instance(second)
         changes = torch.where(comparable, error_second - error_first, 0.0)
+    if settings.reward == "tracked" and isinstance(beta, Tensor) and beta.ndim == 1:
+        beta = torch.cat([beta, beta])
     rewards = reward(changes, beta)
     likelihood = (rewards - _log_partition(settings, rewards, generator)).mean()
     rsw = torch.cat(

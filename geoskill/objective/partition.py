@@ -31,7 +31,7 @@ def check_sigma0(sigma0: float) -> None:
 
 
 def log_partition(reward: Float[Tensor, "*batch"], sigma0: float) -> Float[Tensor, "*batch"]:
-    """log Z(r) in closed form.
+    """The closed form of log Z(r).
 
     With a = (-1 - r)/s, b = (1 - r)/s and the normal CDF Φ,
 
@@ -64,6 +64,9 @@ def sample_truncated_normal(
     """Independent draws from N(r, sigma0²) truncated to [-1, 1], by inversion of its CDF; no gradient flows.
 
     Args:
+        reward: r in [-1, 1], the mean before truncation.
+        sigma0: the standard deviation before truncation.
+        samples: how many of each, along a new first dimension.
         generator: drawn on its own device and moved, so a generator on the CPU gives the same draws on every device;
             None for the default one of the reward's device.
 
@@ -90,14 +93,17 @@ def log_partition_monte_carlo(
     *,
     baseline: bool = False,
 ) -> Float[Tensor, "*batch"]:
-    """log Z(r) estimated from samples, as the paper does; once differentiable.
+    """An estimate of log Z(r) from samples, as the paper makes it; once differentiable.
 
     The value comes from s1 samples (equation 13), the gradient from s2 others by the score function (equations 14 and
     15, with phi read as the normal CDF), divided by the sampled Z.
 
     Args:
+        reward: r in [-1, 1].
+        sigma0: a standard deviation.
         first_samples: s1, at least 1.
         second_samples: s2, at least 1.
+        generator: of :func:`sample_truncated_normal`.
         baseline: subtract the first samples' mean of exp(x) from exp(x) in equation 14. The mean score is zero, so
             the expected gradient of Z stays and the RMSE of the slope about halves (1.8 to 2.4 times less at
             sigma0 = 0.55).
@@ -174,7 +180,7 @@ def _value(reward: Tensor, s: float) -> Tensor:
 
 
 def _slope(reward: Tensor, s: float) -> Tensor:
-    """d log Z / dr = 1 - [φ(b-s) - φ(a-s)] / (s [Φ(b-s) - Φ(a-s)]) + [φ(b) - φ(a)] / (s [Φ(b) - Φ(a)])."""
+    """Derivative d log Z / dr = 1 - [φ(b-s) - φ(a-s)] / (s [Φ(b-s) - Φ(a-s)]) + [φ(b) - φ(a)] / (s [Φ(b) - Φ(a)])."""
     lower, upper = (-1 - reward) / s, (1 - reward) / s
     inside = (_density(upper - s) - _density(lower - s)) / _central_mass(lower - s, upper - s)
     outside = (1 - _end_ratio(reward, s)) / (math.sqrt(2 * math.pi) * _scaled_tail_mass(reward, s))
@@ -184,7 +190,7 @@ def _slope(reward: Tensor, s: float) -> Tensor:
 
 
 def _score(samples: Tensor, reward: Tensor, s: float) -> Tensor:
-    """d log p(x; r) / dr of the truncated normal (equation 15)."""
+    """Derivative d log p(x; r) / dr of the truncated normal (equation 15)."""
     lower, upper = (-1 - reward) / s, (1 - reward) / s
     return (samples - reward) / s**2 + (_density(upper) - _density(lower)) / (s * _central_mass(lower, upper))
 

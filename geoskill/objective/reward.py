@@ -7,7 +7,7 @@ Source: Jin et al., ICRA 2020, equations 6 and 7; METHOD, settled points 2, 11 a
 from typing import Literal, get_args
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch_geometric.utils import scatter
 
@@ -15,10 +15,11 @@ from geoskill.errors import InputError
 from geoskill.geometry.control_errors import error_norm
 
 ErrorReduction = Literal["norm", "vector"]
+ErrorChange = Literal["relative", "absolute"]
 
 
-def reward(change: Float[Tensor, "*batch"], beta: float) -> Float[Tensor, "*batch"]:
-    """r = -tanh(beta · change / 2), in [-1, 1]: equation 7, 2 / (1 + exp(beta · change)) - 1, without its overflow.
+def reward(change: Float[Tensor, "*batch"], beta: float | Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """Equation 7, r = 2 / (1 + exp(beta · change)) - 1 in [-1, 1], as -tanh(beta · change / 2), which cannot overflow.
 
     Args:
         change: of the control error's norm, later minus earlier, in the error's unit.
@@ -53,6 +54,10 @@ def overall_error(
     """Magnitude of each frame's overall control error Ec (equation 6), in the error's unit.
 
     Args:
+        select_out: g of every instance.
+        errors: its control error E.
+        batch: its frame, sorted.
+        num_frames: frames, those without any instance included.
         reduction: ``norm`` for sum_i g_i norm(E_i), which instances without a sign need (METHOD #2); ``vector`` for
             the literal norm(sum_i g_i E_i), whose gradient is zero where the sum vanishes.
 
@@ -72,34 +77,57 @@ def overall_error(
     raise InputError(f"error_reduction is {reduction!r}; expected one of {', '.join(get_args(ErrorReduction))}")
 
 
-def beta_from_changes(changes: Float[Tensor, " m"], scale: float = 1.5, minimum_change_px: float = 1.0) -> float:
+def error_change(
+    before: Float[Tensor, " m"], after: Float[Tensor, " m"], kind: ErrorChange, resolution: float
+) -> Float[Tensor, " m"]:
+    """By how much each instance's error norm changes between two frames; exchanging them flips the sign.
+
+    Args:
+        before: norm of the control error at the earlier frame.
+        after: the same at the later one.
+        kind: ``absolute`` is after - before, the paper's (equation 7). ``relative`` divides it by the sum of both: an
+            object that arrives at its target halves its distance again and again, a hand that carries it, or a mark
+            that it passes, does not, although both come as many pixels closer.
+        resolution: error that is within what detection can resolve, in the error's unit. Weighs down the relative
+            change of instances that are together all the time.
+
+    Raises:
+        InputError: the kind is neither.
+
+    >>> before, after = torch.tensor([96.0, 96.0]), torch.tensor([0.0, 48.0])
+    >>> error_change(before, after, "relative", resolution=1.0)
+    tensor([-0.9600, -0.3243])
+    """
+    if kind == "absolute":
+        return after - before
+    if kind == "relative":
+        # Two features at rest are measured with an error of about the resolution each, at both ends of the span.
+        return (after - before) / (after + before + 4.0 * resolution)
+    raise InputError(f"objective.change is {kind!r}; expected one of {', '.join(get_args(ErrorChange))}")
+
+
+def beta_from_changes(
+    changes: Float[Tensor, " m"], moving: Bool[Tensor, " m"], scale: float = 1.5
+) -> Float[Tensor, ""]:
     """beta = scale / median(abs(change)) over the instances that move: the median mover earns tanh(scale / 2).
 
     Args:
-        changes: of all instances of one demonstration, tracked over one frame gap.
+        changes: of all instances of one demonstration, tracked over one span (:func:`error_change`).
+        moving: which of them change by more than detection can resolve.
         scale: the constant c of METHOD #12.
-        minimum_change_px: an instance moves when its absolute change is above this, in the unit of the error.
 
     Returns:
-        beta in the inverse of the error's unit; the median of an even number is the mean of the middle two.
+        beta in the inverse of the changes' unit; the median of an even number is the mean of the middle two. 0 when
+        nothing moves, so that such a span earns no reward.
 
-    Raises:
-        InputError: nothing moves.
-
-    >>> beta_from_changes(torch.tensor([0.5, -2.0, 4.0, 0.0]))
-    0.5
+    >>> beta_from_changes(torch.tensor([0.5, -2.0, 4.0, 0.0]), torch.tensor([False, True, True, False]))
+    tensor(0.5000)
     """
-    sizes = changes.detach().abs()
-    moving = sizes[sizes > minimum_change_px].sort().values
-    count = len(moving)
+    sizes = changes.detach().abs()[moving].sort().values
+    count = len(sizes)
     if count == 0:
-        largest = float(sizes.max()) if len(sizes) else 0.0
-        raise InputError(
-            f"nothing moves in the demonstration: the control errors of its {len(sizes)} tracked instances change by "
-            f"at most {largest:.3g}; expected some to change by more than {minimum_change_px:g}"
-        )
-    median = (moving[(count - 1) // 2] + moving[count // 2]) / 2
-    return scale / float(median)
+        return torch.zeros((), dtype=changes.dtype)
+    return scale / ((sizes[(count - 1) // 2] + sizes[count // 2]) / 2)
 
 
 def _sum_by_frame(values: Tensor, batch: Tensor, num_frames: int) -> Tensor:

@@ -10,7 +10,7 @@ from torch_geometric.utils import softmax, to_dense_batch
 
 
 def select_out(scores: Float[Tensor, " m"], batch: Int[Tensor, " m"], num_frames: int) -> Float[Tensor, " m"]:
-    """g = softmax of the scores b over the instances of each frame (equation 5); g of a frame sums to 1.
+    """Softmax g of the scores b over the instances of each frame (equation 5); g of a frame sums to 1.
 
     >>> import torch
     >>> select_out(torch.tensor([0.0, 0.0, 7.0]), torch.tensor([0, 0, 2]), num_frames=3)
@@ -31,6 +31,8 @@ def residual_sum_of_weights(
 
     Args:
         select_out: g, summing to 1 over each frame.
+        batch: the frame of each instance, sorted.
+        num_frames: frames, those without any instance included.
         alternatives: p, at least 1.
 
     >>> import torch

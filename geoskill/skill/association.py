@@ -13,10 +13,17 @@ from geoskill.geometry.primitives import NodeType
 @final
 @dataclass(frozen=True)
 class Node:
-    """One feature of an association: ``coordinates`` are x, y of a point or x1, y1, x2, y2 of a line, in pixels."""
+    """One feature of an association.
+
+    Attributes:
+        node_type: what it is.
+        coordinates: x, y of a point or x1, y1, x2, y2 of a line, in pixels.
+        feature: its row in the feature set it comes from, or None where that is not known.
+    """
 
     node_type: NodeType
     coordinates: tuple[float, ...]
+    feature: int | None = None
 
     def __post_init__(self) -> None:
         expected = self.node_type.geometry_dim
@@ -31,10 +38,11 @@ class Node:
 
     def as_json(self) -> dict[str, Any]:
         """The node as it stands in ``associations.jsonl``."""
+        xy = [round(coordinate, 3) for coordinate in self.coordinates]
         if self.node_type is NodeType.LINE:
-            x1, y1, x2, y2 = self.coordinates
+            x1, y1, x2, y2 = xy
             return {"type": str(self.node_type), "xy": [[x1, y1], [x2, y2]]}
-        return {"type": str(self.node_type), "xy": list(self.coordinates)}
+        return {"type": str(self.node_type), "xy": xy}
 
 
 @final
@@ -57,6 +65,22 @@ class Association:
     confidence: float
     nodes: tuple[Node, ...]
     error: tuple[float, ...]
+
+    @property
+    def member(self) -> tuple[str, str]:
+        """Which member of the ensemble selected it: kernel and descriptor."""
+        return self.kernel, self.descriptor
+
+    def as_json(self) -> dict[str, Any]:
+        """The part of its line in ``associations.jsonl`` that does not depend on the frame."""
+        return {
+            "kernel": self.kernel,
+            "descriptor": self.descriptor,
+            "rank": self.rank,
+            "confidence": round(self.confidence, 6),
+            "nodes": [node.as_json() for node in self.nodes],
+            "error": [round(component, 4) for component in self.error],
+        }
 
 
 @final

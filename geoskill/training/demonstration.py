@@ -2,15 +2,14 @@
 
 ::
 
-    frame      0 . . t . . t+gap . .
-    features         F       G            extracted on both, unrelated
-    tracked          F ----> F'           F followed to t+gap: each instance of F knows its own change of error
-                     G' <--- G            and each instance of G knows where it came from
+    frame      0 . . t . . . . t+span . .
+    features         F         G             extracted on both, unrelated
+    tracked          F ------> F'            each instance of F knows how its own error changes until t+span
+                     G' <----- G             each instance of G knows how its own error changed since t
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeVar, final
+from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 import torch
@@ -18,105 +17,110 @@ from torch.utils.data import Dataset
 
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
-from geoskill.features.flow import follow_features
 from geoskill.features.pipeline import FeaturePipeline
-from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import Motion, MotifGraph, motif_graph
-from geoskill.kernels.kernel import Kernel, node_types
+from geoskill.model.kernel_model import KernelModel
+from geoskill.training.tracks import Progress, chain_motions
 
-Item = TypeVar("Item")
-Progress = Callable[[Sequence[Item], str], Iterable[Item]]
 Transition = dict[str, dict[str, MotifGraph]]
 
 
-def silent(items: Sequence[Item], description: str) -> Iterable[Item]:
-    """The progress display that shows nothing."""
-    return items
+def time_spans(frame_count: int, gap: int, horizon: float) -> tuple[int, ...]:
+    """The lengths of transitions in frames: the gap and its doublings up to a share of the demonstration.
 
+    A short span compares what the hand does now; only a long one tells an object that arrives from one that passes,
+    and only a long one tells anything about frames in which nothing moves any more.
 
-@final
-@dataclass(frozen=True)
-class MemberInputs:
-    """One member of the ensemble: its kernel, and the name of the extractor that feeds each node type."""
+    Args:
+        frame_count: frames of the demonstration.
+        gap: the shortest span.
+        horizon: the longest span's share of the demonstration, in [0, 1]; 0 leaves the gap alone.
 
-    kernel: Kernel
-    extractors: Mapping[NodeType, str]
+    Raises:
+        InputError: when a number is out of range, or the demonstration is no longer than the gap.
+
+    >>> time_spans(100, 2, 0.5)
+    (2, 4, 8, 16, 32)
+    """
+    if gap < 1:
+        raise InputError(f"demonstration.gap={gap}: expected at least 1")
+    if not 0 <= horizon <= 1:
+        raise InputError(f"demonstration.horizon={horizon}: expected a share from 0 to 1")
+    if frame_count <= gap:
+        raise InputError(f"the demonstration has {frame_count} frames; expected more than demonstration.gap={gap}")
+    spans = [gap]
+    while 2 * spans[-1] <= horizon * (frame_count - 1):
+        spans.append(2 * spans[-1])
+    return tuple(spans)
 
 
 @final
 class Demonstration(Dataset[Transition]):
-    """The transitions (t, t + gap) of one demonstration, for every member of the ensemble.
+    """The transitions of one demonstration, over all spans, for every member of the ensemble.
 
     Args:
         frames: ``[H, W, 3]`` RGB pictures in the order of time.
         pipelines: the extractors by name.
-        members: what each member takes from them.
-        gap: frames between the two of a transition.
+        members: which kernels there are, and what each takes from the extractors.
+        gap: the shortest transition in frames, and the hop of the tracker.
+        horizon: see :func:`time_spans`.
         progress: shows progress over a sequence.
 
     Raises:
-        InputError: when there are not more frames than ``gap``, or no frame has an instance of some member.
+        InputError: when ``gap`` or ``horizon`` does not fit, or no frame has an instance of some member.
     """
 
     def __init__(
         self,
         frames: Sequence[np.ndarray],
         pipelines: Mapping[str, FeaturePipeline],
-        members: Mapping[str, MemberInputs],
+        members: Mapping[str, KernelModel],
         *,
         gap: int,
-        progress: Progress[int] = silent,
+        horizon: float,
+        progress: Progress,
     ) -> None:
-        if gap < 1:
-            raise InputError(f"demonstration.gap={gap}: expected at least 1")
-        if len(frames) <= gap:
-            raise InputError(f"the demonstration has {len(frames)} frames; expected more than demonstration.gap={gap}")
-        self.gap = gap
+        self.spans = time_spans(len(frames), gap, horizon)
         self.members = dict(members)
         numbers = range(len(frames))
-        self.features: dict[str, list[FeatureSet]] = {name: [] for name in pipelines}
+        self._transitions = [(t, i) for i, span in enumerate(self.spans) for t in numbers[:-span]]
+        self._features: dict[str, list[FeatureSet]] = {name: [] for name in pipelines}
         for t in progress(numbers, "extracting features"):
             for name, pipeline in pipelines.items():
-                self.features[name].append(pipeline.extract(frames[t]))
-        self._forward: dict[str, list[Motion]] = {name: [] for name in pipelines}
-        self._backward: dict[str, list[Motion]] = {name: [] for name in pipelines}
-        for t in progress(numbers[:-gap], "following features"):
-            for name, found in self.features.items():
-                self._forward[name].append(_motion(found[t], frames[t], frames[t + gap]))
-                self._backward[name].append(_motion(found[t + gap], frames[t + gap], frames[t]))
+                self._features[name].append(pipeline.extract(frames[t]))
         for name, member in self.members.items():
             if not any(self._has_instance(member, t) for t in numbers):
                 raise InputError(
-                    f"no frame of the demonstration has features for one {name} association; expected at least two"
-                    " features on some frame (raise features.min_side or choose another descriptor)"
+                    f"no frame of the demonstration has an association of {name}; expected features of type"
+                    f" {' and '.join(member.extractors)} (raise features.min_side or choose another descriptor)"
                 )
+        self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
+            name: chain_motions(found, frames, gap, self.spans, progress) for name, found in self._features.items()
+        }
 
-    def _has_instance(self, member: MemberInputs, t: int) -> bool:
-        counts = {kind: len(self.features[name][t]) for kind, name in member.extractors.items()}
+    def _has_instance(self, member: KernelModel, t: int) -> bool:
+        counts = {kind: len(self._features[name][t]) for kind, name in member.extractors.items()}
         return member.kernel.instances(counts).shape[1] > 0
 
     def __len__(self) -> int:
-        return len(next(iter(self._forward.values())))
+        return len(self._transitions)
 
-    def __getitem__(self, t: int) -> Transition:
-        """For each member, the graphs of the ``first`` and the ``second`` frame of transition ``t``."""
+    def __getitem__(self, index: int) -> Transition:
+        """For each member, the graphs of the ``first`` and the ``second`` frame of a transition."""
+        t, span_index = self._transitions[index]
+        span = self.spans[span_index]
         return {
             name: {
-                "first": self._graph(member, t, self._forward, t),
-                "second": self._graph(member, t + self.gap, self._backward, t),
+                "first": self._graph(member, t, span, span_index),
+                "second": self._graph(member, t + span, -span, span_index),
             }
             for name, member in self.members.items()
         }
 
-    def _graph(
-        self, member: MemberInputs, frame: int, motions: Mapping[str, Sequence[Motion]], transition: int
-    ) -> MotifGraph:
-        kinds = node_types(member.kernel)
-        found = {kind: self.features[member.extractors[kind]][frame] for kind in kinds}
-        motion = {kind: motions[member.extractors[kind]][transition] for kind in kinds}
-        return motif_graph(member.kernel, found, motion)
-
-
-def _motion(features: FeatureSet, start: np.ndarray, end: np.ndarray) -> Motion:
-    geometry, followed = follow_features(features.node_type, features.geometry, start, end)
-    return Motion(torch.from_numpy(geometry), torch.from_numpy(followed))
+    def _graph(self, member: KernelModel, frame: int, span: int, span_index: int) -> MotifGraph:
+        kinds = member.node_types
+        found = {kind: self._features[member.extractors[kind]][frame] for kind in kinds}
+        motion = {kind: self._motions[member.extractors[kind]][frame, span] for kind in kinds}
+        graph = motif_graph(member.kernel, found, motion)
+        graph.span_index = torch.tensor([span_index])
+        return graph

@@ -8,11 +8,11 @@ from lightning import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from geoskill.geometry.control_errors import error_norm
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
+from geoskill.training.changes import error_changes
 from geoskill.training.noise import noisy
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
@@ -28,7 +28,7 @@ class SkillTraining(LightningModule):
     Everything random depends on the seed and the step only, so a resumed training goes on exactly as it would have.
 
     Args:
-        members: by name; their ``beta`` must be fitted, or come from a checkpoint.
+        members: by name; their reward scale must be fitted (:func:`fit_reward_scale`), or come from a checkpoint.
         objective: what is maximised.
         optimizer: makes an optimiser from parameters.
         descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
@@ -88,7 +88,8 @@ class SkillTraining(LightningModule):
         assert isinstance(member, KernelModel)
         first = self._selection(member, frames["first"], generator)
         second = self._selection(member, frames["second"], generator, backwards=True)
-        return transition_objective(self.objective, member.beta, first, second, generator)
+        beta = member.beta[frames["first"].span_index]
+        return transition_objective(self.objective, beta, first, second, generator)
 
     def _selection(
         self, member: KernelModel, graph: MotifGraph, generator: torch.Generator, backwards: bool = False
@@ -98,7 +99,7 @@ class SkillTraining(LightningModule):
             descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
         selected = select_out(member(graph, descriptors), graph.instance_frame, graph.num_graphs)
         errors = member.control_errors(graph)
-        change = error_changes(member, graph, errors)
+        change = error_changes(member, graph, self.objective.change)
         return FrameSelection(
             selected, errors, -change if backwards else change, graph.instance_frame, int(graph.num_graphs)
         )
@@ -117,17 +118,3 @@ class SkillTraining(LightningModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Store what is needed to build the members again, as plain values."""
         checkpoint["skill"] = self.description
-
-
-def error_changes(member: KernelModel, graph: MotifGraph, errors: Tensor | None = None) -> Tensor:
-    """By how much each instance's error norm changes from the graph's frame to the one its features were followed to.
-
-    Shape ``[m]``, in the unit of the kernel's error; 0 where a node was not followed, which earns no reward and costs
-    none.
-    """
-    own = member.control_errors(graph) if errors is None else errors
-    change = error_norm(member.control_errors(graph, "moved")) - error_norm(own)
-    followed = member.attribute(graph, "followed")
-    rows = zip(member.kernel.roles, graph.instance_index, strict=True)
-    known = torch.stack([followed[role][row] for role, row in rows]).all(dim=0)
-    return torch.where(known, change, torch.zeros_like(change))

@@ -255,7 +255,8 @@ def test_every_degenerate_or_satisfied_case_is_finite_in_value_and_gradient(
     error_norm(value).sum().backward()
     assert value.dtype == dtype
     for tensor in (value, first.grad, second.grad):
-        assert tensor is not None and bool(tensor.isfinite().all())
+        assert tensor is not None
+        assert bool(tensor.isfinite().all())
 
 
 @pytest.mark.parametrize("function", SEGMENT_ERRORS)

@@ -48,7 +48,8 @@ def test_degenerate_segment_is_finite_in_value_and_gradient(function) -> None:  
     value = function(segment)
     value.sum().backward()
     assert segment.grad is not None
-    assert bool(value.isfinite().all()) and bool(segment.grad.isfinite().all())
+    assert bool(value.isfinite().all())
+    assert bool(segment.grad.isfinite().all())
 
 
 def test_degenerate_segment_has_no_direction_and_no_line() -> None:

@@ -83,7 +83,8 @@ def test_objective_rises_with_the_weight_of_an_approaching_instance() -> None:
         1,
     )
     transition_objective(ObjectiveSettings(), 0.3, frames, frames).objective.backward()
-    assert scores.grad is not None and float(scores.grad[0]) > 0 > float(scores.grad[1])
+    assert scores.grad is not None
+    assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
 
 def test_regulariser_alone_sharpens_the_selection() -> None:
@@ -92,7 +93,8 @@ def test_regulariser_alone_sharpens_the_selection() -> None:
     zero = torch.zeros(3, dtype=torch.float64)
     frames = FrameSelection(select_out(scores, batch, 1), zero[:, None], zero, batch, 1)
     transition_objective(ObjectiveSettings(alternatives=1), 1.0, frames, frames).objective.backward()
-    assert scores.grad is not None and float(scores.grad[0]) > 0 > float(scores.grad[1])
+    assert scores.grad is not None
+    assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
 
 def one_by_one(frames: FrameSelection, frame: int) -> FrameSelection:

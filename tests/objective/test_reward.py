@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from geoskill.errors import InputError
-from geoskill.objective.reward import ErrorReduction, beta_from_changes, overall_error, reward, tracked_change
+from geoskill.objective.reward import (
+    ErrorReduction,
+    beta_from_changes,
+    error_change,
+    overall_error,
+    reward,
+    tracked_change,
+)
 
 BATCH = torch.tensor([0, 0, 0, 2, 2, 3])  # frames 1 and 4 have no instance
 SELECT_OUT = torch.tensor([0.5, 0.25, 0.25, 0.125, 0.875, 1.0])
@@ -35,7 +42,8 @@ def test_reward_is_positive_for_a_decrease_and_saturates_without_overflow() -> N
     value = reward(change, beta=1.0)
     value.sum().backward()
     torch.testing.assert_close(value, torch.tensor([1.0, math.tanh(1), 0.0, -math.tanh(1), -1.0]))
-    assert change.grad is not None and change.grad[[0, 4]].tolist() == [0.0, 0.0]
+    assert change.grad is not None
+    assert change.grad[[0, 4]].tolist() == [0.0, 0.0]
     assert float(change.grad[2]) == -0.5, "slope -beta/2 at zero"
 
 
@@ -67,8 +75,10 @@ def test_overall_error_of_a_batch_equals_the_frames_one_by_one(reduction: ErrorR
 def test_overall_error_has_a_finite_gradient_where_errors_vanish(reduction: ErrorReduction) -> None:
     weights, errors = SELECT_OUT.clone().requires_grad_(), torch.zeros(6, 2, requires_grad=True)
     overall_error(weights, errors, BATCH, FRAMES, reduction).sum().backward()
-    assert weights.grad is not None and weights.grad.tolist() == [0.0] * 6
-    assert errors.grad is not None and bool(errors.grad.isfinite().all())
+    assert weights.grad is not None
+    assert weights.grad.tolist() == [0.0] * 6
+    assert errors.grad is not None
+    assert bool(errors.grad.isfinite().all())
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
@@ -92,34 +102,56 @@ def test_gradients() -> None:
     assert torch.autograd.gradcheck(of_filled_frames, (weights, errors))
 
 
+def moving(changes: list[float], resolution: float = 1.0) -> tuple[Tensor, Tensor]:
+    values = torch.tensor(changes)
+    return values, values.abs() > resolution
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ([0.5, -2.0, 4.0, 0.0], 1.5 / 3),  # an even number of movers: the mean of the middle two
         ([-2.0, 100.0, 3.0, 0.1, -0.9], 1.5 / 3),  # an odd number
         ([1.0, -1.0, 1.5], 1.0),  # 1 px exactly is not a move
+        ([0.2, -0.9], 0.0),  # nothing moves: no reward
+        ([], 0.0),
     ],
 )
 def test_beta_is_the_scale_over_the_median_move(changes: list[float], expected: float) -> None:
-    assert beta_from_changes(torch.tensor(changes)) == pytest.approx(expected)
+    assert float(beta_from_changes(*moving(changes))) == pytest.approx(expected)
 
 
-def test_beta_with_another_scale_and_threshold() -> None:
-    assert beta_from_changes(torch.tensor([0.25, 0.5, -0.75]), scale=3.0, minimum_change_px=0.3) == 3.0 / 0.625
+def test_beta_with_another_scale() -> None:
+    assert float(beta_from_changes(*moving([0.25, 0.5, -0.75], 0.3), scale=3.0)) == 3.0 / 0.625
 
 
 def test_the_median_mover_earns_tanh_of_half_the_scale() -> None:
-    changes = torch.tensor([-2.0, -7.0, -30.0])
-    assert float(reward(changes, beta_from_changes(changes))[1]) == pytest.approx(math.tanh(0.75))
+    changes, moves = moving([-2.0, -7.0, -30.0])
+    assert float(reward(changes, beta_from_changes(changes, moves))[1]) == pytest.approx(math.tanh(0.75))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ([0.2, -0.9], "2 tracked instances change by at most 0.9; expected some to change by more than 1"),
-        ([], "its 0 "),
-    ],
-)
-def test_a_demonstration_without_motion_is_refused(changes: list[float], message: str) -> None:
-    with pytest.raises(InputError, match=f"nothing moves in the demonstration: .*{message}"):
-        beta_from_changes(torch.tensor(changes))
+def test_absolute_change_is_the_difference() -> None:
+    before, after = torch.tensor([10.0, 3.0]), torch.tensor([4.0, 5.0])
+    assert error_change(before, after, "absolute", 1.0).tolist() == [-6.0, 2.0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0, 500), st.floats(0, 500), st.floats(0.01, 5))
+def test_relative_change_is_bounded_antisymmetric_and_without_unit(before: float, after: float, unit: float) -> None:
+    first, second = torch.tensor([before], dtype=torch.float64), torch.tensor([after], dtype=torch.float64)
+    change = error_change(first, second, "relative", 1.0)
+    assert abs(float(change)) < 1
+    assert float(error_change(second, first, "relative", 1.0)) == -float(change)
+    scaled = error_change(unit * first, unit * second, "relative", unit)
+    torch.testing.assert_close(scaled, change)
+
+
+def test_relative_change_prefers_the_one_that_arrives() -> None:
+    arrives, follows = error_change(torch.tensor([100.0, 150.0]), torch.tensor([10.0, 60.0]), "relative", 1.0)
+    assert float(arrives) == pytest.approx(-90 / 114)
+    assert float(follows) == pytest.approx(-90 / 214)
+
+
+def test_unknown_change_is_refused(annotations_unchecked: None) -> None:
+    with pytest.raises(InputError, match=r"objective.change is 'log'; expected one of relative, absolute"):
+        error_change(torch.ones(1), torch.ones(1), "log", 1.0)  # type: ignore[arg-type]

@@ -1,0 +1,17 @@
+"""Learn a manipulation skill from one video by inferring which geometric features belong together."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from geoskill.skill.skill import Skill
+
+__all__ = ["Skill"]
+
+
+def __getattr__(name: str) -> Any:
+    # The commands print their help before anything as heavy as PyTorch is imported.
+    if name == "Skill":
+        from geoskill.skill.skill import Skill
+
+        return Skill
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

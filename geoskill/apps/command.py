@@ -1,0 +1,102 @@
+"""What all commands share: Hydra's configuration, and what happens when something goes wrong."""
+
+import errno
+import functools
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from geoskill.errors import InputError
+
+UNUSABLE_INPUT = 2
+FAILURE = 1
+INTERRUPTED = 130
+
+
+def configuration_folder() -> str:
+    """Where the YAML files lie: inside an installed package, beside the package in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    installed = package / "conf"
+    return str(installed if installed.is_dir() else package.parent / "conf")
+
+
+def run_command(name: str, job: Callable[[DictConfig], None]) -> None:
+    """Run ``job`` with the configuration ``conf/NAME.yaml`` and the command line's overrides.
+
+    Whatever the user gave wrongly is told in one line, with exit status 2; a failure in the middle of work in one line
+    with exit status 1. ``debug=true`` shows the traceback.
+    """
+    # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+
+    def guarded(cfg: DictConfig) -> None:
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            job(cfg)  # Hydra collects the errors of a sweep and names the job
+        else:
+            _exit_on_error(lambda: job(cfg))
+
+    _exit_on_error(
+        hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(
+            # Hydra names the run after the function's file.
+            functools.wraps(job)(guarded)
+        )
+    )
+
+
+def _exit_on_error(work: Callable[[], None]) -> None:
+    try:
+        work()
+    except Exception as error:
+        if any(argument in ("debug=true", "debug=True", "debug=1") for argument in sys.argv):
+            traceback.print_exc()
+        status, message = explain(error)
+        print(f"error: {message}", file=sys.stderr)
+        sys.exit(status)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+def explain(error: BaseException) -> tuple[int, str]:
+    """The exit status and the one line for an exception, or for what caused it.
+
+    >>> explain(InputError("seed=x: expected a number"))
+    (2, 'seed=x: expected a number')
+    """
+    for cause in _causes(error):
+        if isinstance(cause, InputError):
+            return UNUSABLE_INPUT, _one_line(str(cause))
+        if isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            place = cause.filename or "where the run is written"
+            return FAILURE, f"{place}: no space left on the disk; nothing that was complete is lost"
+    if isinstance(error, OmegaConfBaseException) or type(error).__module__.startswith("hydra"):
+        return UNUSABLE_INPUT, _hydra_message(error)
+    return FAILURE, f"{type(error).__name__}: {_one_line(str(error))} (debug=true shows where)"
+
+
+def _causes(error: BaseException) -> list[BaseException]:
+    causes = [error]
+    while (following := causes[-1].__cause__ or causes[-1].__context__) is not None and following not in causes:
+        causes.append(following)
+    return causes
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
+def _hydra_message(error: BaseException) -> str:
+    message = str(error)
+    for noise in ("Config search path", "To append to your config", "See https:", "Set the environment variable"):
+        message = message.partition(noise)[0]
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    # The last words of OmegaConf's messages name the same key once more.
+    return " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=")))

@@ -1,0 +1,37 @@
+"""``python infer.py``: select associations on every frame of a video, a folder or a camera."""
+
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from geoskill.apps.command import run_command
+
+
+def main() -> None:
+    """Entry point of ``infer.py`` and ``geoskill-infer``."""
+    run_command("infer", infer)
+
+
+def infer(cfg: DictConfig) -> None:
+    """Write what a skill says about every frame.
+
+    Raises:
+        InputError: for an unusable skill or video.
+    """
+    from geoskill.apps.inputs import load_skill, required
+    from geoskill.apps.progress import quiet_libraries
+    from geoskill.apps.reporting import write_inference
+    from geoskill.features.video import open_frames
+
+    quiet_libraries()
+    video = required(cfg, "video", "a video file, a folder of images or a camera's number")
+    skill = load_skill(cfg)
+    source = open_frames(video, cfg.frame_rate)
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    write_inference(skill, source, source, folder, cfg.minimum_confidence, {})
+    print(folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""The files of a run that say what a skill selected: associations, overlay, definition and figures."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import yaml
+from rich.progress import track
+
+from geoskill.errors import InputError
+from geoskill.features.video import Frame, FrameSource
+from geoskill.skill.association import InferenceResult
+from geoskill.skill.definition import TaskDefinition
+from geoskill.skill.skill import Skill
+from geoskill.viz.curves import plot_inference
+from geoskill.viz.overlay import draw_overlay
+from geoskill.viz.video_writer import VideoWriter
+
+
+def write_inference(
+    skill: Skill,
+    frames: Iterable[Frame],
+    source: FrameSource,
+    folder: Path,
+    minimum_confidence: float,
+    metrics: Mapping[str, float],
+) -> dict[str, Any]:
+    """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
+
+    When the frames end by Ctrl-C (a camera) or because the source is damaged, everything up to there is written first.
+
+    Args:
+        skill: selects the associations.
+        frames: one after the other; may be endless.
+        source: gives the name and the frame rate.
+        folder: an existing folder.
+        minimum_confidence: associations below it are not drawn.
+        metrics: figures to add.
+
+    Raises:
+        InputError: where the source is damaged.
+    """
+    definition = TaskDefinition(skill.members)
+    history: list[tuple[int, str, float, float]] = []
+    count = 0
+    failure: BaseException | None = None
+    title = Path(source.name).name
+    with (
+        replacing(folder / "associations.jsonl") as lines,
+        VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
+    ):
+        try:
+            for frame in track(frames, description="selecting associations", transient=True):
+                result = skill.infer(frame.image)
+                for line in association_lines(frame, result):
+                    lines.write(json.dumps(line) + "\n")
+                video.write(
+                    draw_overlay(
+                        frame.image,
+                        list(result.features.values()),
+                        result.associations,
+                        frame_index=frame.index,
+                        title=title,
+                        minimum_confidence=minimum_confidence,
+                        reasons=[f"{kernel}: {reason}" for (kernel, _), reason in result.reasons.items()],
+                    )
+                )
+                definition.add(frame.index, result)
+                for association in result.associations:
+                    if association.rank == 1:
+                        norm = float(np.linalg.norm(association.error))
+                        member = "_".join((association.kernel, *association.descriptor.split("+")))
+                        history.append((frame.index, member, association.confidence, norm))
+                count += 1
+        except (KeyboardInterrupt, InputError) as error:
+            failure = error
+    summary: dict[str, Any] = {
+        "source": source.name,
+        "frames": count,
+        "frames_with_association": len({row[0] for row in history}),
+        "mean_confidence": float(np.mean([row[2] for row in history])) if history else None,
+        **metrics,
+    }
+    described = {"source": source.name, **definition.as_dict()}
+    with replacing(folder / "skill.yaml") as file:
+        yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
+    with replacing(folder / "metrics.json") as file:
+        json.dump(summary, file, indent=2)
+    plot_inference(history, folder / "inference.png")
+    if isinstance(failure, InputError):
+        raise failure
+    return summary
+
+
+def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:
+    """The lines of ``associations.jsonl`` for one frame: every association, and a rank 0 for a member without any."""
+    place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
+    for association in result.associations:
+        yield {**place, **association.as_json()}
+    for (kernel, descriptor), reason in result.reasons.items():
+        yield {
+            **place,
+            "kernel": kernel,
+            "descriptor": descriptor,
+            "rank": 0,
+            "confidence": 0.0,
+            "nodes": [],
+            "error": [],
+            "reason": reason,
+        }
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[TextIO]:
+    """A text file that takes its place only when it is complete; an older one stays when writing fails."""
+    temporary = path.with_name(f"{path.name}.part")
+    try:
+        with temporary.open("w", encoding="utf-8") as file:
+            yield file
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,175 @@
+"""``python train.py``: learn a skill from one demonstration."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from geoskill.apps.command import INTERRUPTED, run_command
+from geoskill.errors import InputError
+
+if TYPE_CHECKING:
+    from lightning import Trainer
+
+CHECKPOINT = "skill.ckpt"
+
+
+def main() -> None:
+    """Entry point of ``train.py`` and ``geoskill-train``."""
+    run_command("train", train)
+
+
+def train(cfg: DictConfig) -> None:
+    """Learn, then show on the demonstration what was learned.
+
+    Raises:
+        InputError: for whatever the configuration or the demonstration has wrong.
+    """
+    if cfg.task.path is None:
+        raise InputError(
+            "task.path is not set; expected a demonstration: python train.py task=video task.path=DIR_OR_FILE"
+            " (a folder of images or a video file; the simulated tasks are not part of this version)"
+        )
+    # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
+    import torch
+
+    from geoskill.apps.progress import quiet_libraries, show_progress
+    from geoskill.apps.reporting import write_inference
+    from geoskill.features.cache import FeatureCache
+    from geoskill.features.video import open_frames, read_all
+    from geoskill.skill.description import build, describe
+    from geoskill.skill.skill import Skill, read_checkpoint
+    from geoskill.training.callbacks import MetricsTable
+    from geoskill.training.changes import fit_reward_scale
+    from geoskill.training.datamodule import TransitionData
+    from geoskill.training.demonstration import Demonstration
+    from geoskill.training.module import SkillTraining
+    from geoskill.viz.curves import plot_training
+
+    quiet_libraries()
+    if cfg.threads is not None:
+        torch.set_num_threads(cfg.threads)
+    torch.manual_seed(cfg.seed)
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
+    description = describe(
+        plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
+    )
+    if cfg.ckpt_path is not None:
+        _check_same_skill(cfg.ckpt_path, read_checkpoint(cfg.ckpt_path)["skill"], description)
+
+    source = open_frames(cfg.task.path, cfg.task.frame_rate)
+    frames = read_all(source, minimum=cfg.demonstration.gap + 1)
+    cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
+    objective = instantiate(cfg.objective)
+    parts = build(description, cache)
+    demonstration = Demonstration(
+        [frame.image for frame in frames],
+        parts.pipelines,
+        parts.members,
+        gap=cfg.demonstration.gap,
+        horizon=cfg.demonstration.horizon,
+        progress=show_progress,
+    )
+    fit_reward_scale(parts.members, demonstration, objective)
+    module = SkillTraining(
+        parts.members,
+        objective,
+        instantiate(cfg.optimizer),
+        descriptor_noise=cfg.demonstration.descriptor_noise,
+        seed=cfg.seed,
+        description=description,
+    )
+    data = TransitionData(demonstration, batch_size=cfg.demonstration.batch_size, seed=cfg.seed)
+    loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
+    trainer: Trainer = instantiate(
+        cfg.trainer,
+        logger=loggers or False,
+        callbacks=[*_callbacks(cfg, folder), MetricsTable(folder / "metrics.csv")],
+        default_root_dir=str(folder),
+    )
+    for logger in trainer.loggers:
+        logger.log_hyperparams(plain)
+    _fit(trainer, module, data, cfg.ckpt_path, folder)
+    if not trainer.is_global_zero:
+        return
+
+    plot_training(folder / "metrics.csv", folder / "training.png")
+    skill = Skill(parts)
+    metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
+    metrics["steps"] = float(trainer.global_step)
+    summary = write_inference(skill, frames, source, folder, cfg.inference.minimum_confidence, metrics)
+    _log_results(trainer, folder, summary)
+    print(folder)
+
+
+def _callbacks(cfg: DictConfig, folder: Path) -> list[Any]:
+    from lightning.pytorch.callbacks import EarlyStopping
+
+    from geoskill.training.callbacks import ResumableCheckpoint
+
+    callbacks: list[Any] = [ResumableCheckpoint(folder / CHECKPOINT)]
+    if cfg.early_stopping.patience is not None:
+        callbacks.append(
+            EarlyStopping(
+                "objective_epoch",
+                mode="max",
+                patience=cfg.early_stopping.patience,
+                min_delta=cfg.early_stopping.min_delta,
+            )
+        )
+    return callbacks
+
+
+def _fit(trainer: Trainer, module: Any, data: Any, checkpoint: str | None, folder: Path) -> None:
+    """Train; when interrupted, say how to go on. Lightning turns Ctrl-C into the end of the program."""
+    try:
+        trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    except (SystemExit, KeyboardInterrupt):
+        if trainer.interrupted and trainer.is_global_zero:
+            overrides = " ".join(o for o in HydraConfig.get().overrides.task if not o.startswith("ckpt_path="))
+            print(
+                f"\ninterrupted after {trainer.current_epoch} epochs; {folder / CHECKPOINT} is complete. To go on:\n"
+                f"  python train.py {overrides} ckpt_path={folder / CHECKPOINT}",
+                file=sys.stderr,
+            )
+            with contextlib.suppress(ValueError):
+                sys.stdout.flush()
+            sys.exit(INTERRUPTED)
+        raise
+
+
+def _check_same_skill(path: str, stored: Any, wanted: dict[str, Any]) -> None:
+    for part in ("members", "extractors", "model", "features"):
+        if stored.get(part) != wanted[part]:
+            raise InputError(
+                f"ckpt_path={path}: its {part} are {stored.get(part)}; expected those of this run, {wanted[part]}"
+            )
+
+
+def _log_results(trainer: Trainer, folder: Path, summary: dict[str, Any]) -> None:
+    from lightning.pytorch.loggers import WandbLogger
+
+    for logger in trainer.loggers:
+        if isinstance(logger, WandbLogger):
+            import wandb
+
+            run = logger.experiment
+            run.summary.update(summary)
+            run.log(
+                {
+                    "overlay": wandb.Video(str(folder / "overlay.mp4"), format="mp4"),
+                    "training": wandb.Image(str(folder / "training.png")),
+                }
+            )
+            wandb.finish()
+
+
+if __name__ == "__main__":
+    main()

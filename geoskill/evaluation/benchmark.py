@@ -1,0 +1,106 @@
+"""Scoring a skill on the labelled frames of a real sequence."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from geoskill.errors import InputError
+from geoskill.evaluation.metrics import FrameVerdict, judge_frame, summarise, summarise_ensemble, top_association
+from geoskill.evaluation.regions import Regions
+from geoskill.evaluation.switches import SwitchCounter
+from geoskill.features.video import Frame
+from geoskill.kernels.kernel import Kernel
+from geoskill.skill.association import InferenceResult
+
+Infer = Callable[[UInt8[np.ndarray, "height width 3"]], InferenceResult]
+Progress = Callable[[Iterable[Frame]], Iterable[Frame]]
+
+
+def silent(frames: Iterable[Frame]) -> Iterable[Frame]:
+    """The progress display that shows nothing."""
+    return frames
+
+
+def member_name(kernel: Kernel, descriptor: str) -> str:
+    """What a member of an ensemble is called in ``metrics.json``, such as ``p2p/sift`` or ``p2l/sift+lbd``."""
+    return f"{kernel.name}/{descriptor}"
+
+
+def evaluate_frames(
+    frames: Iterable[Frame],
+    infer: Infer,
+    regions: Regions,
+    members: Sequence[tuple[Kernel, str]],
+    every: int = 1,
+    progress: Progress = silent,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Judges a skill's top associations on labelled frames; no more than two frames are in memory at a time.
+
+    Args:
+        frames: all frames of the sequence, in order, from its first.
+        infer: the skill.
+        regions: the ground truth. Frames before its first and after its last labelled one are left out.
+        members: kernel and descriptor of each member of the ensemble, as they stand in its associations.
+        every: judge frames 0, every, 2 * every, ... only. A transition is then from one judged frame to the next, and
+            nodes are followed through the frames in between.
+        progress: shows progress over the frames.
+
+    Returns:
+        The figures (see :func:`~geoskill.evaluation.metrics.summarise_ensemble`; besides these ``unlabelled_frames``,
+        the number that was left out for want of labels) and, for each judged frame and member, one row: the verdict
+        and ``switched``, None where the transition from the frame judged before is not comparable. Plain types only.
+
+    Raises:
+        InputError: when ``every`` is below 1, the frames are not of the size that was labelled, or none is labelled.
+    """
+    if every < 1:
+        raise InputError(f"every={every}: expected at least 1")
+    names = [member_name(kernel, descriptor) for kernel, descriptor in members]
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"members are {names}; expected at least one and each once")
+    verdicts: dict[str, list[FrameVerdict]] = {name: [] for name in names}
+    counters = {name: SwitchCounter(kernel) for name, (kernel, _) in zip(names, members, strict=True)}
+    rows: list[dict[str, Any]] = []
+    seen = unlabelled = 0
+    for frame in progress(frames):
+        if seen == 0:
+            regions.require_size((frame.image.shape[1], frame.image.shape[0]))
+        seen += 1
+        truth = regions.at(frame.index)
+        if truth is None:
+            unlabelled += frame.index % every == 0
+            continue
+        for counter in counters.values():
+            counter.advance(frame.image)
+        if frame.index % every:
+            continue
+        result = infer(frame.image)
+        for name, (kernel, descriptor) in zip(names, members, strict=True):
+            verdict = judge_frame(frame.index, result, truth, kernel, descriptor)
+            switched = counters[name].judge(top_association(result, kernel, descriptor))
+            verdicts[name].append(verdict)
+            rows.append(_row(verdict, kernel, descriptor, switched))
+    if not rows:
+        raise InputError(
+            f"{regions.name}: labels frames {regions.first_frame} to {regions.last_frame}; expected them to cover some "
+            f"of the {seen} frames of the video that were to be judged (every={every})"
+        )
+    figures = {name: summarise(verdicts[name], counters[name].count) for name in names}
+    return {**summarise_ensemble(figures), "unlabelled_frames": unlabelled}, rows
+
+
+def _row(verdict: FrameVerdict, kernel: Kernel, descriptor: str, switched: bool | None) -> dict[str, Any]:
+    return {
+        "frame": verdict.frame,
+        "kernel": kernel.name,
+        "descriptor": descriptor,
+        "has_association": verdict.has_association,
+        "feasible": verdict.feasible,
+        "correct": verdict.correct,
+        "hits_hand": verdict.hits_hand,
+        "confidence": verdict.confidence,
+        "rsw": verdict.rsw,
+        "switched": switched,
+    }

@@ -1,0 +1,113 @@
+"""What a skill is made of, as plain values: the part of a checkpoint that its weights fit into.
+
+::
+
+    format: 1
+    extractors: {sift: {_target_: geoskill.features.sift.Sift, ...}}
+    members:    {p2p_sift: {kernel: {_target_: ...}, extractors: {point: sift}}}
+    model:      {_target_: ..., _partial_: true, ...}
+    features:   {max_features: 60, min_side: 480}
+    alternatives: 10
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, final
+
+from hydra.utils import instantiate
+
+from geoskill.errors import InputError
+from geoskill.features.cache import FeatureCache
+from geoskill.features.pipeline import FeaturePipeline
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel, node_types
+from geoskill.model.kernel_model import KernelModel
+from geoskill.model.scorer import Motif
+
+FORMAT = 1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SkillParts:
+    """The objects of a skill: its members and the extractors that feed them, both by name."""
+
+    members: dict[str, KernelModel]
+    pipelines: dict[str, FeaturePipeline]
+    alternatives: int
+
+
+def describe(
+    kernels: Mapping[str, Any],
+    descriptors: Mapping[str, Any],
+    model: Mapping[str, Any],
+    features: Mapping[str, Any],
+    alternatives: int,
+) -> dict[str, Any]:
+    """The description of a skill with one member for every kernel and every descriptor that fits its nodes.
+
+    All arguments hold plain values as in the configuration; ``features`` has ``max_features`` and ``min_side``.
+
+    Raises:
+        InputError: when a kernel has a node type that no descriptor describes, or ``alternatives`` is below 1.
+    """
+    if alternatives < 1:
+        raise InputError(f"inference.alternatives={alternatives}: expected at least 1")
+    kinds = {name: _build(settings).node_type for name, settings in descriptors.items()}
+    members: dict[str, Any] = {}
+    for kernel_name, settings in kernels.items():
+        choices = []
+        for node_type in node_types(_build(settings)):
+            fitting = [name for name, kind in kinds.items() if kind is node_type]
+            if not fitting:
+                described = ", ".join(f"{name} describes a {kind}" for name, kind in kinds.items())
+                raise InputError(
+                    f"kernel={kernel_name} joins a {node_type}, and {described}; expected a descriptor of a"
+                    f" {node_type} too (several are given as descriptor=[orb,lbd])"
+                )
+            choices.append([(str(node_type), name) for name in fitting])
+        for choice in product(*choices):
+            name = "_".join([kernel_name, *(extractor for _, extractor in choice)])
+            members[name] = {"kernel": dict(settings), "extractors": dict(choice)}
+    used = {name for member in members.values() for name in member["extractors"].values()}
+    return {
+        "format": FORMAT,
+        "extractors": {name: dict(settings) for name, settings in descriptors.items() if name in used},
+        "members": members,
+        "model": dict(model),
+        "features": dict(features),
+        "alternatives": alternatives,
+    }
+
+
+def build(description: Mapping[str, Any], cache: FeatureCache | None = None) -> SkillParts:
+    """The objects of a description; the networks have fresh weights.
+
+    Raises:
+        InputError: when the description is of another format or names anything outside this package.
+        KeyError, TypeError: when it lacks a part.
+    """
+    if description.get("format") != FORMAT:
+        raise InputError(f"the skill's format is {description.get('format')!r}; expected {FORMAT}")
+    pipelines = {
+        name: FeaturePipeline(_build(settings), cache=cache, **description["features"])
+        for name, settings in description["extractors"].items()
+    }
+    members = {}
+    for name, settings in description["members"].items():
+        kernel: Kernel = _build(settings["kernel"])
+        extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
+        dims = {kind: pipelines[extractor].extractor.descriptor_dim for kind, extractor in extractors.items()}
+        members[name] = KernelModel(kernel, extractors, _build(description["model"])(Motif.of(kernel, dims)))
+    return SkillParts(members, pipelines, int(description["alternatives"]))
+
+
+def _build(settings: Mapping[str, Any]) -> Any:
+    """Instantiate a part; a checkpoint from elsewhere must not be able to call anything else."""
+    target = settings["_target_"]
+    if not str(target).startswith("geoskill."):
+        raise InputError(f"the skill's part {target!r} is not of this package; expected geoskill.…")
+    return instantiate(dict(settings))
+
+

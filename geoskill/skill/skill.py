@@ -1,0 +1,131 @@
+"""A learned skill: load it, and ask it which features of a frame belong together."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from geoskill.errors import InputError
+from geoskill.features.cache import FeatureCache
+from geoskill.features.feature_set import FeatureSet
+from geoskill.features.pipeline import FeaturePipeline
+from geoskill.graphs.motif_graph import gather_nodes, motif_graph
+from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.association import Association, InferenceResult, Node
+from geoskill.skill.description import SkillParts, build
+
+
+@final
+class Skill:
+    """The members of a learned skill with the extractors that feed them.
+
+    Args:
+        parts: members with trained weights, extractors, and how many associations per member are listed.
+    """
+
+    def __init__(self, parts: SkillParts) -> None:
+        self.members: Mapping[str, KernelModel] = parts.members
+        self.pipelines: Mapping[str, FeaturePipeline] = parts.pipelines
+        self.alternatives = parts.alternatives
+        for member in self.members.values():
+            member.eval()
+
+    @classmethod
+    def load(cls, path: str | Path, *, device: str = "cpu", cache: FeatureCache | None = None) -> "Skill":
+        """The skill of a checkpoint.
+
+        Args:
+            path: ``skill.ckpt`` of a run.
+            device: where the networks run.
+            cache: where extracted features are kept, or None.
+
+        Raises:
+            InputError: when the file is missing, is no checkpoint of a skill, or its weights do not fit.
+        """
+        checkpoint = read_checkpoint(path)
+        try:
+            parts = build(checkpoint["skill"], cache)
+            for name, member in parts.members.items():
+                prefix = f"members.{name}."
+                weights = {
+                    key.removeprefix(prefix): value
+                    for key, value in checkpoint["state_dict"].items()
+                    if key.startswith(prefix)
+                }
+                member.load_state_dict(weights)
+                member.to(device)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        except Exception as error:
+            message = " ".join(str(error).split())
+            raise InputError(f"{path}: its weights do not fit its description ({message[:200]})") from error
+        return cls(parts)
+
+    def infer(self, frame: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
+        """The associations that define the task in one RGB frame, whatever frames came before.
+
+        Raises:
+            InputError: when the frame is not ``[H, W, 3]`` of uint8.
+        """
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+            raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
+        features = {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
+        associations: list[Association] = []
+        errors = [np.zeros(0)]
+        reasons = {}
+        for member in self.members.values():
+            selected = list(self._select(member, features))
+            associations.extend(selected)
+            if selected:
+                errors.append(np.array(selected[0].error))
+            else:
+                found = ", ".join(f"{len(features[name])} {kind}s" for kind, name in member.extractors.items())
+                reasons[member.kernel.name, member.descriptor] = f"no instance: {found} found"
+        return InferenceResult(tuple(associations), np.concatenate(errors), features, reasons)
+
+    @torch.no_grad()
+    def _select(self, member: KernelModel, features: Mapping[str, FeatureSet]) -> Iterator[Association]:
+        graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
+        instances = graph.instance_index.shape[1]
+        if instances == 0:
+            return
+        graph = graph.to(next(member.parameters()).device)
+        confidence = torch.softmax(member(graph), dim=0)
+        top = torch.topk(confidence, min(self.alternatives, instances)).indices
+        nodes = gather_nodes(member.kernel, member.attribute(graph, "geometry"), graph.instance_index[:, top])
+        errors: Float[Tensor, "p d"] = member.kernel.control_error(nodes)
+        for rank, (index, error) in enumerate(zip(top, errors, strict=True), start=1):
+            yield Association(
+                kernel=member.kernel.name,
+                descriptor=member.descriptor,
+                rank=rank,
+                confidence=float(confidence[index]),
+                nodes=tuple(
+                    Node(role, tuple(geometry[rank - 1].tolist()), int(feature))
+                    for role, geometry, feature in zip(
+                        member.kernel.roles, nodes, graph.instance_index[:, index], strict=True
+                    )
+                ),
+                error=tuple(error.tolist()),
+            )
+
+
+def read_checkpoint(path: str | Path) -> dict[str, Any]:
+    """A checkpoint's plain values and tensors; nothing in it is executed.
+
+    Raises:
+        InputError: when the file is missing or is no checkpoint of a skill.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"{path}: no such file; expected the skill.ckpt of a training run")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # a broken archive raises anything from EOFError to UnpicklingError
+        raise InputError(f"{path}: cannot be read as a checkpoint; expected the skill.ckpt of a training run") from error
+    if not isinstance(checkpoint, dict) or not {"skill", "state_dict"} <= checkpoint.keys():
+        raise InputError(f"{path}: is no skill of this program; expected the skill.ckpt of a training run")
+    return checkpoint

@@ -1,0 +1,58 @@
+"""How the control errors of a demonstration's instances change, and the scale of the reward that follows."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from geoskill.errors import InputError
+from geoskill.geometry.control_errors import error_norm
+from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.objective.reward import ErrorChange, beta_from_changes, error_change
+from geoskill.training.demonstration import Demonstration
+
+
+def error_changes(member: KernelModel, graph: MotifGraph, kind: ErrorChange) -> Float[Tensor, " m"]:
+    """By how much each instance's error norm changes from the graph's frame to the one its features were followed to.
+
+    0 where a node was not followed: such an instance earns no reward and costs none.
+    """
+    before = error_norm(member.control_errors(graph))
+    after = error_norm(member.control_errors(graph, "moved"))
+    change = error_change(before, after, kind, member.kernel.resolution)
+    followed = member.attribute(graph, "followed")
+    rows = zip(member.kernel.roles, graph.instance_index, strict=True)
+    known = torch.stack([followed[role][row] for role, row in rows]).all(dim=0)
+    return torch.where(known, change, torch.zeros_like(change))
+
+
+def fit_reward_scale(
+    members: dict[str, KernelModel], demonstration: Demonstration, objective: ObjectiveSettings
+) -> None:
+    """Fit each member's beta to the demonstration, one for every span of time (METHOD #12).
+
+    Raises:
+        InputError: when no instance of a member moves over any span.
+    """
+    spans = torch.tensor(demonstration.spans)
+    for name, member in members.items():
+        changes: list[list[Tensor]] = [[] for _ in spans]
+        moves: list[list[Tensor]] = [[] for _ in spans]
+        for transition in demonstration:
+            graph = transition[name]["first"]
+            span = int(graph.span_index)
+            changes[span].append(error_changes(member, graph, objective.change))
+            moves[span].append(error_changes(member, graph, "absolute").abs() > member.kernel.resolution)
+        beta = torch.stack(
+            [
+                beta_from_changes(torch.cat(change), torch.cat(move), objective.beta_scale)
+                for change, move in zip(changes, moves, strict=True)
+            ]
+        )
+        if not beta.any():
+            raise InputError(
+                f"nothing moves in the demonstration: no {name} association that could be followed changes by more than"
+                f" {member.kernel.resolution:g}; expected a video of a task being done"
+            )
+        member.set_reward_scale(spans, beta)

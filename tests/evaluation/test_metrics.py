@@ -1,0 +1,253 @@
+"""Verdicts on made-up frames whose right answer can be read off, and the figures over them."""
+
+import json
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geoskill.evaluation.metrics import (
+    FrameVerdict,
+    is_feasible,
+    joins_object_and_target,
+    judge_frame,
+    summarise,
+    summarise_ensemble,
+)
+from geoskill.evaluation.regions import FrameRegions, Region
+from geoskill.evaluation.switches import SwitchCount
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel
+from geoskill.kernels.l2l import LineToLine
+from geoskill.kernels.p2l import PointToLine
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.skill.association import Association, InferenceResult, Node
+
+
+def rectangle(left: float, top: float, right: float, bottom: float) -> np.ndarray:
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float32)
+
+
+# Object, target and hand from left to right, each 20 px wide; the hand begins where the object ends.
+REGIONS = FrameRegions(
+    {
+        Region.OBJECT: rectangle(0, 0, 20, 20),
+        Region.HAND: rectangle(20, 0, 40, 20),
+        Region.TARGET: rectangle(60, 0, 80, 20),
+    }
+)
+ON_OBJECT, ON_HAND, ON_TARGET, ON_NOTHING = (10.0, 10.0), (30.0, 10.0), (70.0, 10.0), (100.0, 100.0)
+NEAR_OBJECT = (22.0, 10.0)  # on the hand, 2 px from the object
+
+
+def point(xy: tuple[float, float]) -> Node:
+    return Node(NodeType.POINT, xy)
+
+
+def line(xy: tuple[float, float]) -> Node:
+    """A segment of 60 px whose midpoint is given; its end points mostly lie elsewhere."""
+    return Node(NodeType.LINE, (xy[0] - 30.0, xy[1], xy[0] + 30.0, xy[1]))
+
+
+def features(node_type: NodeType, nodes: list[Node]) -> FeatureSet:
+    geometry = np.array([node.coordinates for node in nodes], np.float32).reshape(-1, node_type.geometry_dim)
+    count = len(nodes)
+    return FeatureSet(node_type, np.ones((count, 1), np.float32), geometry, np.ones(count, np.float32))
+
+
+def points(*xy: tuple[float, float]) -> FeatureSet:
+    return features(NodeType.POINT, [point(pair) for pair in xy])
+
+
+def lines(*xy: tuple[float, float]) -> FeatureSet:
+    return features(NodeType.LINE, [line(pair) for pair in xy])
+
+
+def association(
+    *nodes: Node, rank: int = 1, confidence: float = 0.5, kernel: str = "p2p", descriptor: str = "sift"
+) -> Association:
+    return Association(kernel, descriptor, rank, confidence, nodes, (0.0, 0.0))
+
+
+def result(found: dict[str, FeatureSet], *associations: Association) -> InferenceResult:
+    return InferenceResult(associations, np.zeros(0), found)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "correct"),
+    [
+        ([point(ON_OBJECT), point(ON_TARGET)], True),
+        ([point(ON_TARGET), point(ON_OBJECT)], True),
+        ([point(ON_OBJECT), point(ON_OBJECT)], False),
+        ([point(ON_TARGET), point(ON_TARGET)], False),
+        ([point(ON_HAND), point(ON_TARGET)], False),
+        ([point(ON_OBJECT), point(ON_NOTHING)], False),
+        ([point(ON_OBJECT), line(ON_TARGET)], True),
+        ([line(ON_OBJECT), point(ON_TARGET)], True),
+        ([line((10.0, 50.0)), point(ON_TARGET)], False),
+        ([point((83.0, 10.0)), point((-3.0, 10.0))], True),  # both exactly the tolerance outside
+        ([point((83.1, 10.0)), point((-3.0, 10.0))], False),
+        ([point(ON_OBJECT), point(ON_TARGET), point(ON_OBJECT), point(ON_TARGET)], True),
+        ([point(ON_OBJECT), point(ON_TARGET), point(ON_OBJECT), point(ON_HAND)], False),
+        ([], False),
+    ],
+)
+def test_right_associations_join_object_and_target_and_nothing_else(nodes: list[Node], correct: bool) -> None:
+    assert joins_object_and_target(nodes, REGIONS) is correct
+
+
+def test_verdict_of_a_right_association() -> None:
+    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+    top = association(point(ON_OBJECT), point(ON_TARGET), confidence=0.625)
+    second = association(point(ON_HAND), point(ON_TARGET), rank=2, confidence=0.25)
+    verdict = judge_frame(7, result(found, top, second), REGIONS, PointToPoint(), "sift")
+    assert verdict == FrameVerdict(7, True, True, True, False, 0.625, 0.125)
+
+
+def test_the_top_association_is_the_one_of_rank_one_wherever_it_stands() -> None:
+    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+    top = association(point(ON_OBJECT), point(ON_TARGET), confidence=0.6)
+    second = association(point(ON_HAND), point(ON_TARGET), rank=2, confidence=0.3)
+    verdict = judge_frame(0, result(found, second, top), REGIONS, PointToPoint(), "sift")
+    assert verdict.correct
+    assert verdict.confidence == 0.6
+
+
+def test_a_node_on_the_hand_is_a_hit_and_wrong() -> None:
+    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+    top = association(point(ON_HAND), point(ON_TARGET))
+    verdict = judge_frame(0, result(found, top), REGIONS, PointToPoint(), "sift")
+    assert (verdict.feasible, verdict.correct, verdict.hits_hand) == (True, False, True)
+
+
+def test_a_node_on_the_hand_within_the_tolerance_of_the_object_is_right_and_a_hit() -> None:
+    found = {"sift": points(NEAR_OBJECT, ON_TARGET)}
+    top = association(point(NEAR_OBJECT), point(ON_TARGET))
+    verdict = judge_frame(0, result(found, top), REGIONS, PointToPoint(), "sift")
+    assert (verdict.feasible, verdict.correct, verdict.hits_hand) == (True, True, True)
+
+
+def test_a_frame_without_association_is_wrong_with_confidence_zero() -> None:
+    verdict = judge_frame(3, result({"sift": points(ON_OBJECT)}), REGIONS, PointToPoint(), "sift")
+    assert verdict == FrameVerdict(3, False, False, False, False, 0.0, 1.0)
+
+
+def test_confidences_that_round_to_more_than_one_leave_no_negative_rest() -> None:
+    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+    pair = (point(ON_OBJECT), point(ON_TARGET))
+    top, second = association(*pair, confidence=0.9), association(*pair, rank=2, confidence=0.1000001)
+    assert judge_frame(0, result(found, top, second), REGIONS, PointToPoint(), "sift").rsw == 0.0
+
+
+def test_each_member_of_an_ensemble_is_judged_by_its_own_associations_and_features() -> None:
+    found = {"sift": points(ON_OBJECT, ON_HAND), "orb": points(ON_OBJECT, ON_TARGET), "lbd": lines(ON_TARGET)}
+    listed = (
+        association(point(ON_OBJECT), point(ON_HAND), confidence=0.9),
+        association(point(ON_OBJECT), point(ON_TARGET), confidence=0.4, descriptor="orb"),
+        association(point(ON_HAND), line(ON_TARGET), confidence=0.7, kernel="p2l", descriptor="sift+lbd"),
+    )
+    members: list[tuple[Kernel, str]] = [(PointToPoint(), "sift"), (PointToPoint(), "orb"), (PointToLine(), "sift+lbd")]
+    sift, orb, mixed = (judge_frame(0, result(found, *listed), REGIONS, *member) for member in members)
+    assert (sift.feasible, sift.correct, sift.hits_hand, sift.confidence) == (False, False, True, 0.9)
+    assert (orb.feasible, orb.correct, orb.hits_hand, orb.confidence) == (True, True, False, 0.4)
+    assert (mixed.feasible, mixed.correct, mixed.hits_hand, mixed.confidence) == (True, False, True, 0.7)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "descriptor", "message"),
+    [
+        (PointToLine(), "sift", "'sift' names 1 extractors; expected 2 for p2l, one for each of point, line"),
+        (PointToPoint(), "orb", "no features of 'orb'"),
+        (PointToLine(), "lbd+sift", "'lbd' yields line features; expected point for p2l"),
+    ],
+)
+def test_results_that_do_not_belong_to_the_member_are_rejected(kernel: Kernel, descriptor: str, message: str) -> None:
+    found = {"sift": points(ON_OBJECT), "lbd": lines(ON_TARGET)}
+    with pytest.raises(ValueError, match=message):
+        judge_frame(0, result(found), REGIONS, kernel, descriptor)
+
+
+@pytest.mark.parametrize(
+    ("on_points", "on_lines", "feasible"),
+    [
+        ([ON_OBJECT], [ON_TARGET], True),
+        ([ON_TARGET], [ON_OBJECT], True),
+        ([ON_OBJECT, ON_TARGET], [ON_OBJECT], True),
+        ([ON_OBJECT], [ON_OBJECT], False),
+        ([ON_OBJECT, ON_TARGET], [], False),
+        ([ON_OBJECT, ON_TARGET], [ON_HAND], False),
+        ([], [ON_OBJECT, ON_TARGET], False),
+    ],
+)
+def test_p2l_needs_a_point_on_one_and_a_line_on_the_other(
+    on_points: list[tuple[float, float]], on_lines: list[tuple[float, float]], feasible: bool
+) -> None:
+    found = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
+    assert is_feasible(PointToLine(), found, REGIONS) is feasible
+
+
+PLACES = st.lists(st.sampled_from([ON_OBJECT, ON_TARGET, ON_HAND, ON_NOTHING]), max_size=4)
+
+
+@given(on_points=PLACES, on_lines=PLACES)
+def test_feasible_means_that_some_instance_is_right(
+    on_points: list[tuple[float, float]], on_lines: list[tuple[float, float]]
+) -> None:
+    found = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
+    point_nodes, line_nodes = [point(xy) for xy in on_points], [line(xy) for xy in on_lines]
+    instances: list[tuple[Kernel, list[tuple[Node, Node]]]] = [
+        (PointToPoint(), list(combinations(point_nodes, 2))),
+        (LineToLine(), list(combinations(line_nodes, 2))),
+        (PointToLine(), list(product(point_nodes, line_nodes))),
+    ]
+    for kernel, pairs in instances:
+        expected = any(joins_object_and_target(nodes, REGIONS) for nodes in pairs)
+        assert is_feasible(kernel, found, REGIONS) is expected
+
+
+def test_figures_over_four_frames() -> None:
+    verdicts = [
+        FrameVerdict(0, True, True, True, False, 0.8, 0.1),
+        FrameVerdict(1, True, True, False, True, 0.6, 0.2),
+        FrameVerdict(2, True, False, False, True, 0.4, 0.3),  # infeasible: its hand hit counts, its error does not
+        FrameVerdict(3, False, True, False, False, 0.0, 1.0),
+    ]
+    figures = summarise(verdicts, SwitchCount(switches=1, comparable=2))
+    assert figures == {
+        "frames": 4,
+        "feasible_frames": 3,
+        "infeasible_frames": 1,
+        "frames_without_association": 1,
+        "top1_accuracy": pytest.approx(1 / 3),
+        "hand_rate": 0.5,
+        "mean_confidence": pytest.approx(0.45),
+        "rsw": pytest.approx(0.4),
+        "switches": 1,
+        "comparable_transitions": 2,
+        "switches_per_frame": 0.5,
+    }
+
+
+def test_figures_without_anything_to_average_are_null_in_json() -> None:
+    figures = summarise([FrameVerdict(0, True, False, False, False, 0.5, 0.0)], SwitchCount(0, 0))
+    assert figures["top1_accuracy"] is None
+    assert figures["switches_per_frame"] is None
+    assert json.loads(json.dumps(figures, allow_nan=False)) == figures
+    assert summarise([], SwitchCount(0, 0))["mean_confidence"] is None
+
+
+def test_an_ensemble_averages_rates_over_members_that_have_one_and_keeps_the_first_ones_counts() -> None:
+    right = summarise([FrameVerdict(0, True, True, True, False, 0.8, 0.0)], SwitchCount(0, 1))
+    wrong = summarise([FrameVerdict(0, True, True, False, True, 0.2, 0.5)], SwitchCount(1, 1))
+    infeasible = summarise([FrameVerdict(0, True, False, False, False, 0.5, 0.1)], SwitchCount(0, 0))
+    figures = summarise_ensemble({"a": right, "b": wrong, "c": infeasible})
+    assert figures["top1_accuracy"] == 0.5
+    assert figures["switches_per_frame"] == 0.5
+    assert figures["hand_rate"] == pytest.approx(1 / 3)
+    assert figures["mean_confidence"] == pytest.approx(0.5)
+    assert figures["rsw"] == pytest.approx(0.2)
+    assert (figures["frames"], figures["feasible_frames"], figures["switches"]) == (1, 1, 0)
+    assert figures["members"] == {"a": right, "b": wrong, "c": infeasible}

@@ -1,0 +1,62 @@
+import random
+
+import cv2
+import numpy as np
+
+from geoskill.features.keypoints import distinct_keypoints, keypoint_features
+from geoskill.geometry.primitives import NodeType
+
+
+def keypoint(x: float, y: float, response: float, angle: float = 0.0, size: float = 5.0) -> cv2.KeyPoint:
+    return cv2.KeyPoint(x, y, size, angle, response)
+
+
+def as_tuples(keypoints: list[cv2.KeyPoint]) -> list[tuple[float, ...]]:
+    return [(*k.pt, k.response, k.angle) for k in keypoints]
+
+
+def test_the_strongest_of_each_pixel_is_kept_strongest_first() -> None:
+    found = [
+        keypoint(3.0, 4.0, 0.25),
+        keypoint(3.25, 3.75, 0.75, angle=90.0),  # the same pixel, stronger
+        keypoint(2.75, 4.25, 0.5),  # the same pixel, weaker
+        keypoint(4.0, 4.0, 0.125),  # its neighbour
+        keypoint(4.0, 3.0, 1.0),
+    ]
+    assert as_tuples(distinct_keypoints(found)) == [(4, 3, 1, 0), (3.25, 3.75, 0.75, 90), (4, 4, 0.125, 0)]
+
+
+def test_a_pixel_reaches_half_a_pixel_from_its_centre() -> None:
+    one_pixel = [keypoint(6.5625, 7.4375, 1.0), keypoint(7.4375, 6.5625, 0.5)]
+    assert len(distinct_keypoints(one_pixel)) == 1
+    two_pixels = [keypoint(7.4375, 7.0, 1.0), keypoint(7.5625, 7.0, 0.5)]
+    assert len(distinct_keypoints(two_pixels)) == 2
+
+
+def test_the_order_in_which_threads_deliver_does_not_matter() -> None:
+    numbers = random.Random(0)
+    found = [
+        keypoint(numbers.randrange(4), numbers.randrange(4), numbers.randrange(3), angle=numbers.randrange(360))
+        for _ in range(200)
+    ]
+    expected = as_tuples(distinct_keypoints(found))
+    assert len(expected) == 16
+    for _ in range(10):
+        numbers.shuffle(found)
+        assert as_tuples(distinct_keypoints(found)) == expected
+
+
+def test_keypoints_become_a_feature_set() -> None:
+    descriptors = np.array([[0.6, 0.8], [1.0, 0.0]], np.float64).T.copy().T  # not contiguous, not float32
+    features = keypoint_features([keypoint(1.5, 2.25, 0.5), keypoint(7, 8, 0.25)], descriptors)
+    assert features.node_type is NodeType.POINT
+    assert features.geometry.tolist() == [[1.5, 2.25], [7.0, 8.0]]
+    assert features.strength.tolist() == [0.5, 0.25]
+    np.testing.assert_array_equal(features.descriptors, descriptors.astype(np.float32))
+    assert features.descriptors.flags.c_contiguous
+    assert {a.dtype for a in (features.descriptors, features.geometry, features.strength)} == {np.dtype(np.float32)}
+
+
+def test_no_keypoint_becomes_an_empty_feature_set() -> None:
+    assert distinct_keypoints([]) == []
+    assert keypoint_features([], np.zeros((0, 32), np.float32)).geometry.shape == (0, 2)

@@ -1,0 +1,188 @@
+"""What happens around an extractor: grey, enlargement and the way back, the strongest, the cache."""
+
+from pathlib import Path
+from typing import ClassVar, final
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geoskill.errors import InputError
+from geoskill.features.cache import FeatureCache
+from geoskill.features.extractor import FeatureExtractor
+from geoskill.features.feature_set import FeatureSet
+from geoskill.features.orb import Orb
+from geoskill.features.pipeline import FeaturePipeline
+from geoskill.features.sift import Sift
+from geoskill.geometry.primitives import NodeType
+
+
+@final
+class PictureCorners(FeatureExtractor):
+    """Finds the outermost edges of any picture: the point at its top left and at its bottom right."""
+
+    node_type: ClassVar[NodeType] = NodeType.POINT
+    descriptor_dim: ClassVar[int] = 2
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray] = []
+
+    def extract(self, image: np.ndarray) -> FeatureSet:
+        self.seen.append(image)
+        height, width = image.shape
+        geometry = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5], [(width - 1) / 2, (height - 1) / 2]])
+        return FeatureSet(
+            self.node_type,
+            np.ones((3, 2), np.float32) / np.sqrt(np.float32(2)),
+            geometry.astype(np.float32),
+            np.array([3, 2, 1], np.float32),
+        )
+
+
+@final
+class Diagonal(FeatureExtractor):
+    """Finds one line in any picture: from its top left edge to its bottom right one."""
+
+    node_type: ClassVar[NodeType] = NodeType.LINE
+    descriptor_dim: ClassVar[int] = 1
+
+    def extract(self, image: np.ndarray) -> FeatureSet:
+        height, width = image.shape
+        line = np.array([[-0.5, -0.5, width - 0.5, height - 0.5]], np.float32)
+        return FeatureSet(self.node_type, np.ones((1, 1), np.float32), line, np.ones(1, np.float32))
+
+
+def frame_of(height: int, width: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def blob(x: float, y: float, sigma: float, height: int, width: int) -> np.ndarray:
+    rows, columns = np.mgrid[:height, :width]
+    grey = 200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * sigma**2))
+    return np.repeat(np.round(grey).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+@given(height=st.integers(2, 70), width=st.integers(2, 70), min_side=st.integers(0, 100))
+def test_the_edges_of_the_enlarged_picture_come_back_as_those_of_the_frame(
+    height: int, width: int, min_side: int
+) -> None:
+    pipeline = FeaturePipeline(PictureCorners(), max_features=5, min_side=min_side)
+    found = pipeline.extract(frame_of(height, width)).geometry
+    expected = [[-0.5, -0.5], [width - 0.5, height - 0.5], [(width - 1) / 2, (height - 1) / 2]]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+    assert found.dtype == np.float32
+
+
+def test_lines_come_back_too() -> None:
+    found = FeaturePipeline(Diagonal(), max_features=5, min_side=90).extract(frame_of(30, 50))
+    np.testing.assert_allclose(found.geometry, [[-0.5, -0.5, 49.5, 29.5]], atol=1e-4)
+    assert found.node_type is NodeType.LINE
+
+
+@pytest.mark.parametrize(
+    ("min_side", "expected"),
+    [(0, (40, 60)), (30, (40, 60)), (40, (40, 60)), (80, (80, 120)), (50, (50, 75)), (41, (41, 62))],
+)
+def test_the_shorter_side_is_enlarged_never_reduced(min_side: int, expected: tuple[int, int]) -> None:
+    extractor = PictureCorners()
+    FeaturePipeline(extractor, max_features=2, min_side=min_side).extract(frame_of(40, 60))
+    assert extractor.seen[0].shape == expected
+    assert extractor.seen[0].dtype == np.uint8
+
+
+def test_the_extractor_sees_the_luminance_of_the_rgb_frame() -> None:
+    extractor = PictureCorners()
+    frame = np.zeros((1, 3, 3), np.uint8)
+    frame[0, 0, 0] = frame[0, 1, 1] = frame[0, 2, 2] = 255
+    FeaturePipeline(extractor, max_features=2, min_side=0).extract(frame)
+    assert extractor.seen[0].tolist() == [[76, 150, 29]]  # 0.299, 0.587 and 0.114 of 255
+
+
+@pytest.mark.parametrize("min_side", [0, 113, 200, 300])
+def test_a_blob_is_found_at_its_centre_at_every_scale(min_side: int) -> None:
+    frame = blob(45.25, 61.5, sigma=3.0, height=100, width=121)
+    found = FeaturePipeline(Sift(), max_features=5, min_side=min_side).extract(frame)
+    np.testing.assert_allclose(found.geometry[0], [45.25, 61.5], atol=0.06)
+
+
+@pytest.mark.parametrize("min_side", [240, 301])
+def test_enlarging_does_not_shift_the_corners_of_a_square(min_side: int) -> None:
+    frame = np.zeros((120, 120, 3), np.uint8)
+    frame[40:80, 40:80] = 200  # between the edges 39.5 and 79.5: symmetric about 59.5
+    geometry = FeaturePipeline(Orb(), max_features=500, min_side=min_side).extract(frame).geometry
+    np.testing.assert_allclose((geometry.min(axis=0) + geometry.max(axis=0)) / 2, [59.5, 59.5], atol=0.25)
+    corners = np.array([[39.5, 39.5], [39.5, 79.5], [79.5, 39.5], [79.5, 79.5]])
+    assert (np.abs(geometry[:, None] - corners).max(axis=2).min(axis=0) < 1.0).all()
+
+
+def test_the_strongest_are_kept_first() -> None:
+    frame = np.repeat(cv2.GaussianBlur(frame_of(120, 120)[:, :, :1], (0, 0), 2)[:, :, None], 3, axis=2)
+    many = FeaturePipeline(Sift(), max_features=1000, min_side=0).extract(frame)
+    few = FeaturePipeline(Sift(), max_features=7, min_side=0).extract(frame)
+    assert len(many) > 7 == len(few)
+    assert np.all(np.diff(many.strength) <= 0)
+    for name in ("descriptors", "geometry", "strength"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:7])
+
+
+def test_what_is_left_out_does_not_stay_in_memory() -> None:
+    few = FeaturePipeline(PictureCorners(), max_features=2, min_side=0).extract(frame_of(10, 10))
+    for name in ("descriptors", "geometry", "strength"):
+        array = getattr(few, name)
+        assert array.base is None or array.base.nbytes == array.nbytes, name
+
+
+@pytest.mark.parametrize("extractor", [Sift(), Orb()])
+def test_a_black_frame_has_no_feature(extractor: FeatureExtractor) -> None:
+    found = FeaturePipeline(extractor, max_features=10, min_side=200).extract(np.zeros((100, 90, 3), np.uint8))
+    assert found.descriptors.shape == (0, extractor.descriptor_dim)
+    assert found.geometry.shape == (0, 2)
+
+
+def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    def identity(extractor: FeatureExtractor, max_features: int = 60, min_side: int = 480) -> str:
+        return FeaturePipeline(extractor, max_features=max_features, min_side=min_side).identity
+
+    before = identity(Sift())
+    assert before == identity(Sift())
+    others = [
+        identity(Sift(root=True)),
+        identity(Sift(contrast_threshold=0.02)),
+        identity(Orb()),
+        identity(Orb(candidates=1000)),
+        identity(Orb(fast_threshold=20)),
+        identity(Sift(), max_features=61),
+        identity(Sift(), min_side=0),
+        identity(Sift(), max_features=6, min_side=0),
+    ]
+    monkeypatch.setattr(cv2, "__version__", "99.0.0")
+    others.append(identity(Sift()))
+    assert len({before, *others}) == len(others) + 1
+
+
+def test_a_frame_is_extracted_once_with_a_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texture = cv2.GaussianBlur(frame_of(80, 80), (0, 0), 2)
+    first = FeaturePipeline(Sift(), max_features=9, min_side=160).extract(texture)
+    cached = FeaturePipeline(Sift(), max_features=9, min_side=160, cache=FeatureCache(tmp_path))
+    stored = cached.extract(texture)
+    monkeypatch.setattr(Sift, "extract", None)  # calling it would fail
+    again = cached.extract(texture.copy())
+    assert len(first) == 9
+    for name in ("descriptors", "geometry", "strength"):
+        np.testing.assert_array_equal(getattr(stored, name), getattr(first, name))
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
+    with pytest.raises(TypeError):
+        cached.extract(255 - texture)
+
+
+@pytest.mark.parametrize("max_features", [1, 0, -4])
+def test_too_few_features_are_refused(max_features: int) -> None:
+    with pytest.raises(InputError, match=rf"^features\.max_features={max_features}: expected at least 2$"):
+        FeaturePipeline(Sift(), max_features=max_features, min_side=0)
+
+
+def test_a_negative_side_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^features\.min_side=-1: expected 0 \(never enlarge\) or a number of pixels$"):
+        FeaturePipeline(Sift(), max_features=2, min_side=-1)

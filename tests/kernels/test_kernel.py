@@ -1,0 +1,168 @@
+"""What every kernel promises, for whatever kernels there are, and the symmetries of motifs counted by hand."""
+
+import importlib
+import inspect
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import ClassVar, final
+
+import pytest
+import torch
+from torch import Tensor
+
+import geoskill.kernels.kernel
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges, node_types
+
+POINT, LINE = NodeType.POINT, NodeType.LINE
+STEMS = sorted(
+    path.stem
+    for path in Path(geoskill.kernels.kernel.__file__).parent.glob("*.py")
+    if path.stem not in ("__init__", "kernel", "enumeration")
+)
+
+
+def kernels_of(stem: str) -> list[type[Kernel]]:
+    module = importlib.import_module(f"geoskill.kernels.{stem}")
+    return [
+        value
+        for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, Kernel) and value.__module__ == module.__name__
+    ]
+
+
+def test_there_are_kernels() -> None:
+    assert {"p2p", "p2l", "l2l", "par"} <= set(STEMS)
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_a_file_holds_one_final_kernel_of_its_name(stem: str) -> None:
+    (kernel,) = kernels_of(stem)
+    assert kernel.name == stem
+    assert getattr(kernel, "__final__", False)
+    assert isinstance(kernel(), Kernel)
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_the_motif_is_sound(stem: str) -> None:
+    (kernel,) = kernels_of(stem)
+    nodes = set(range(len(kernel.roles)))
+    assert all(isinstance(role, NodeType) for role in kernel.roles)
+    assert {node for edge in kernel.edges for node in edge} == nodes  # a node without an edge gets no message
+    assert all(i != j for i, j in kernel.edges)
+    assert len({frozenset(edge) for edge in kernel.edges}) == len(kernel.edges)
+    reached = {0}
+    for _ in nodes:
+        reached |= {j for i, j in directed_edges(kernel) if i in reached}
+    assert reached == nodes
+
+
+@pytest.mark.parametrize("stem", STEMS)
+@pytest.mark.parametrize("points", [0, 1, 2, 5])
+@pytest.mark.parametrize("lines", [0, 1, 3])
+def test_instances_are_distinct_associations_within_range(stem: str, points: int, lines: int) -> None:
+    (kernel,) = kernels_of(stem)
+    counts = {POINT: points, LINE: lines}
+    index = kernel().instances(counts)
+    assert index.dtype == torch.long
+    assert index.shape[0] == len(kernel.roles)
+    for role, row in zip(kernel.roles, index, strict=True):
+        assert ((row >= 0) & (row < counts[role])).all()
+    instances = [tuple(column) for column in index.T.tolist()]
+    for instance in instances:
+        assert len(set(zip(kernel.roles, instance, strict=True))) == len(instance)  # no feature with itself
+    # Listed in the order of every automorphism, no association comes twice.
+    orders = [tuple(instance[i] for i in order) for instance in instances for order in automorphisms(kernel)]
+    assert len(set(orders)) == len(orders)
+
+
+@pytest.mark.parametrize("stem", STEMS)
+@pytest.mark.parametrize("count", [0, 1, 7])
+def test_the_control_error_has_its_width_for_any_number_of_instances(stem: str, count: int) -> None:
+    (kernel,) = kernels_of(stem)
+    torch.manual_seed(0)
+    nodes = [100 * torch.rand(count, role.geometry_dim) for role in kernel.roles]
+    error = kernel().control_error(nodes)
+    assert error.shape == (count, kernel.error_dim)
+    assert error.dtype == torch.float32
+    assert torch.isfinite(error).all()
+
+
+@pytest.mark.parametrize("stem", STEMS)
+def test_the_size_of_the_control_error_does_not_depend_on_the_order_of_like_nodes(stem: str) -> None:
+    (kernel,) = kernels_of(stem)
+    torch.manual_seed(0)
+    nodes = [100 * torch.rand(50, role.geometry_dim, dtype=torch.float64) for role in kernel.roles]
+    size = kernel().control_error(nodes).norm(dim=1)
+    assert size.min() > 0
+    for order in automorphisms(kernel):
+        torch.testing.assert_close(kernel().control_error([nodes[i] for i in order]).norm(dim=1), size)
+
+
+def made_up(kernel_roles: Sequence[NodeType], kernel_edges: Sequence[tuple[int, int]]) -> type[Kernel]:
+    @final
+    class MadeUp(Kernel):
+        name: ClassVar[str] = "made up"
+        roles: ClassVar[tuple[NodeType, ...]] = tuple(kernel_roles)
+        edges: ClassVar[tuple[tuple[int, int], ...]] = tuple(kernel_edges)
+        error_dim: ClassVar[int] = 1
+
+        def instances(self, counts: Mapping[NodeType, int]) -> Tensor:
+            raise NotImplementedError
+
+        def control_error(self, nodes: Sequence[Tensor]) -> Tensor:
+            raise NotImplementedError
+
+    return MadeUp
+
+
+PAIR = [(0, 1)]
+PATH = [(0, 1), (1, 2)]
+RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
+COMPLETE = list(combinations(range(4), 2))
+
+
+@pytest.mark.parametrize(
+    ("roles", "edges", "expected"),
+    [
+        ([POINT, POINT], PAIR, {(0, 1), (1, 0)}),
+        ([POINT, LINE], PAIR, {(0, 1)}),
+        ([POINT] * 3, PATH, {(0, 1, 2), (2, 1, 0)}),
+        ([POINT] * 3, [(1, 0), (2, 1)], {(0, 1, 2), (2, 1, 0)}),  # the way an edge is written says nothing
+        ([POINT, LINE, POINT], PATH, {(0, 1, 2), (2, 1, 0)}),
+        ([POINT, POINT, LINE], PATH, {(0, 1, 2)}),
+        ([POINT, POINT, LINE], [(0, 2), (1, 2)], {(0, 1, 2), (1, 0, 2)}),
+        ([POINT, POINT, LINE, LINE], [(0, 2), (1, 3)], {(0, 1, 2, 3), (1, 0, 3, 2)}),
+    ],
+)
+def test_automorphisms(
+    roles: list[NodeType], edges: list[tuple[int, int]], expected: set[tuple[int, ...]]
+) -> None:
+    found = automorphisms(made_up(roles, edges))
+    assert found[0] == tuple(range(len(roles)))
+    assert set(found) == expected
+    assert len(found) == len(expected)
+
+
+@pytest.mark.parametrize(
+    ("roles", "edges", "count"),
+    [
+        ([POINT] * 4, COMPLETE, 24),
+        ([POINT] * 4, RING, 8),
+        ([POINT, POINT, POINT, LINE], COMPLETE, 6),
+        ([POINT, POINT, LINE, LINE], COMPLETE, 4),
+        ([POINT, LINE, POINT, LINE], RING, 4),
+    ],
+)
+def test_number_of_automorphisms(roles: list[NodeType], edges: list[tuple[int, int]], count: int) -> None:
+    assert len(set(automorphisms(made_up(roles, edges)))) == count
+
+
+def test_messages_go_both_ways_along_each_edge() -> None:
+    assert directed_edges(made_up([POINT] * 3, PATH)) == ((0, 1), (1, 2), (1, 0), (2, 1))
+
+
+def test_node_types_are_distinct_and_in_order() -> None:
+    assert node_types(made_up([LINE, POINT, LINE], PATH)) == (LINE, POINT)
+    assert node_types(made_up([POINT, POINT], PAIR)) == (POINT,)
