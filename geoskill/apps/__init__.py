@@ -1,0 +1,1 @@
+"""The commands: from configuration to a run."""

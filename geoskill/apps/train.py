@@ -41,6 +41,8 @@ def train(cfg: DictConfig) -> None:
 
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
+    from geoskill.apps.scoring import score
+    from geoskill.evaluation.regions import load_regions
     from geoskill.features.cache import FeatureCache
     from geoskill.features.video import open_frames, read_all
     from geoskill.skill.description import build, describe
@@ -64,6 +66,8 @@ def train(cfg: DictConfig) -> None:
     if cfg.ckpt_path is not None:
         _check_same_skill(cfg.ckpt_path, read_checkpoint(cfg.ckpt_path)["skill"], description)
 
+    if cfg.task.regions is not None:
+        load_regions(Path(cfg.task.regions))  # a typo shows before training, not after it
     source = open_frames(cfg.task.path, cfg.task.frame_rate)
     frames = read_all(source, minimum=cfg.demonstration.gap + 1)
     cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
@@ -91,7 +95,7 @@ def train(cfg: DictConfig) -> None:
     trainer: Trainer = instantiate(
         cfg.trainer,
         logger=loggers or False,
-        callbacks=[*_callbacks(cfg, folder), MetricsTable(folder / "metrics.csv")],
+        callbacks=[MetricsTable(folder / "metrics.csv"), *_callbacks(cfg, folder)],
         default_root_dir=str(folder),
     )
     for logger in trainer.loggers:
@@ -104,6 +108,9 @@ def train(cfg: DictConfig) -> None:
     skill = Skill(parts)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
+    if cfg.task.regions is not None:
+        figures, _ = score(skill, frames, cfg.task.regions, every=cfg.task.every)
+        metrics.update({name: value for name, value in figures.items() if isinstance(value, int | float)})
     summary = write_inference(skill, frames, source, folder, cfg.inference.minimum_confidence, metrics)
     _log_results(trainer, folder, summary)
     print(folder)

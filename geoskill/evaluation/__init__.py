@@ -1,0 +1,1 @@
+"""Scoring a skill against labelled regions."""

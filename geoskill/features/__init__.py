@@ -1,0 +1,1 @@
+"""From frames to features: detectors, descriptors, tracking, the cache, and reading video."""

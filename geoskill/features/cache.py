@@ -114,7 +114,8 @@ class FeatureCache:
 
 def _load(path: Path) -> FeatureSet | None:
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Opened here, for NumPy leaves broken archives open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return FeatureSet(
                 NodeType(str(stored["node_type"])), stored["descriptors"], stored["geometry"], stored["strength"]
             )

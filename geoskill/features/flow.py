@@ -59,10 +59,10 @@ def _follow_points(
     window: int,
     tolerance_px: float,
 ) -> tuple[Float32[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    options = {"winSize": (window, window), "maxLevel": 3}
+    size = (window, window)
     source = np.ascontiguousarray(points, np.float32).reshape(-1, 1, 2)
-    moved, forward, _ = cv2.calcOpticalFlowPyrLK(start, end, source, None, **options)
-    returned, backward, _ = cv2.calcOpticalFlowPyrLK(end, start, moved, None, **options)
+    moved, forward, _ = map(np.asarray, cv2.calcOpticalFlowPyrLK(start, end, source, None, winSize=size))  # type: ignore[call-overload]
+    returned, backward, _ = map(np.asarray, cv2.calcOpticalFlowPyrLK(end, start, moved, None, winSize=size))  # type: ignore[call-overload]
     distance = np.linalg.norm((returned - source).reshape(-1, 2), axis=1)
     followed = (forward.reshape(-1) == 1) & (backward.reshape(-1) == 1) & (distance <= tolerance_px)
     return moved.reshape(-1, 2), followed

@@ -9,18 +9,29 @@ from jaxtyping import Float32
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 
+# Share of a keypoint's diameter within which another one is the same corner: about one pixel of the pyramid level that
+# ORB found it on (its diameter is 31 of them), which is how far apart two levels place a corner.
+SAME_CORNER = 0.05
+
 
 def distinct_keypoints(keypoints: Iterable[cv2.KeyPoint]) -> list[cv2.KeyPoint]:
-    """The strongest keypoint of every pixel, strongest first.
+    """The strongest keypoint of every corner, strongest first.
 
     A detector reports a corner once for each orientation and each octave; such copies would fill the few places of a
     frame and join into instances whose control error is always zero.
     """
-    best: dict[tuple[int, int], cv2.KeyPoint] = {}
     # The key makes the order independent of the detector's threads.
-    for keypoint in sorted(keypoints, key=lambda k: (-k.response, k.pt, k.size, k.angle)):
-        best.setdefault((round(keypoint.pt[0]), round(keypoint.pt[1])), keypoint)
-    return list(best.values())
+    ordered = sorted(keypoints, key=lambda k: (-k.response, k.pt, k.size, k.angle))
+    positions = np.array([k.pt for k in ordered], np.float32).reshape(-1, 2)
+    radii = np.maximum(0.5, SAME_CORNER * np.array([k.size for k in ordered], np.float32))
+    free = np.ones(len(ordered), bool)
+    distinct = []
+    for row, keypoint in enumerate(ordered):
+        if free[row]:
+            distinct.append(keypoint)
+            distance = np.linalg.norm(positions - positions[row], axis=1)
+            free &= distance > np.maximum(radii, radii[row])
+    return distinct
 
 
 def keypoint_features(keypoints: Sequence[cv2.KeyPoint], descriptors: Float32[np.ndarray, "n d"]) -> FeatureSet:

@@ -91,10 +91,12 @@ class ImageFolder(FrameSource):
 
     @property
     def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
         return str(self._folder)
 
     @property
     def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
@@ -139,10 +141,12 @@ class VideoFile(FrameSource):
 
     @property
     def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
         return str(self._path)
 
     @property
     def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
@@ -219,10 +223,12 @@ class Camera(FrameSource):
 
     @property
     def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
         return f"camera {self._index}"
 
     @property
     def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:

@@ -1,0 +1,1 @@
+"""Points, lines and their control errors as pure functions on tensors."""

@@ -1,0 +1,1 @@
+"""Frames as PyTorch Geometric graphs."""

@@ -1,0 +1,1 @@
+"""Skill kernels, one file each, named as on the command line."""

@@ -48,13 +48,14 @@ class KernelModel(nn.Module):
         """Keep what was fitted to the demonstration."""
         if spans.shape != beta.shape:
             raise ValueError(f"{len(beta)} values of beta for {len(spans)} spans; expected as many")
-        self.spans, self.beta = spans, beta
+        self.spans, self.beta = spans.to(self.spans), beta.to(self.beta)
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # How many spans there are depends on the demonstration, so the stored shape rules.
         for name in ("spans", "beta"):
             if prefix + name in state_dict:
-                setattr(self, name, torch.empty_like(state_dict[prefix + name]))
+                own = getattr(self, name)
+                setattr(self, name, own.new_empty(state_dict[prefix + name].shape))
         super()._load_from_state_dict(state_dict, prefix, *args)
 
     @property

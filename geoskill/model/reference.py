@@ -57,7 +57,8 @@ def reference_scores(
         for instance in instance_index.T
     ]
     if not graphs:
-        return hidden[motif.roles[0]].new_zeros(0)
+        nothing: Tensor = hidden[motif.roles[0]].new_zeros(0)
+        return nothing
     batch = Batch.from_data_list(graphs)
 
     states: Tensor = batch.x
@@ -65,7 +66,7 @@ def reference_scores(
         states = ReferenceLayer(scorer.layer(step))(states, batch.edge_index)
 
     scores = []
-    for instance_states in states.split(len(motif.roles)):
+    for instance_states in states.reshape(len(graphs), len(motif.roles), -1):
         outputs = [scorer.readout(instance_states[list(order)].flatten()) for order in motif.automorphisms]
         scores.append(torch.stack(outputs).mean())
     return torch.stack(scores)

@@ -1,0 +1,1 @@
+"""The InMaxEnt objective as pure functions."""

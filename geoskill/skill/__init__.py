@@ -1,0 +1,1 @@
+"""A learned skill: load it, infer with it, describe it."""

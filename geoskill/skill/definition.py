@@ -62,9 +62,7 @@ class TaskDefinition:
             history.confidences.append(association.confidence)
             history.errors.append(float(np.linalg.norm(association.error)))
             sets = [result.features[member.extractors[role]] for role in member.kernel.roles]
-            descriptors = [
-                found.descriptors[node.feature] for found, node in zip(sets, association.nodes, strict=True)
-            ]
+            descriptors = [found.descriptors[node.feature] for found, node in zip(sets, association.nodes, strict=True)]
             _assign(history.groups, descriptors, association, frame_index, automorphisms(member.kernel))
 
     def as_dict(self) -> dict[str, Any]:

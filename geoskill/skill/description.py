@@ -109,5 +109,3 @@ def _build(settings: Mapping[str, Any]) -> Any:
     if not str(target).startswith("geoskill."):
         raise InputError(f"the skill's part {target!r} is not of this package; expected geoskill.…")
     return instantiate(dict(settings))
-
-

@@ -125,7 +125,9 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
     try:
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # a broken archive raises anything from EOFError to UnpicklingError
-        raise InputError(f"{path}: cannot be read as a checkpoint; expected the skill.ckpt of a training run") from error
+        raise InputError(
+            f"{path}: cannot be read as a checkpoint; expected the skill.ckpt of a training run"
+        ) from error
     if not isinstance(checkpoint, dict) or not {"skill", "state_dict"} <= checkpoint.keys():
         raise InputError(f"{path}: is no skill of this program; expected the skill.ckpt of a training run")
     return checkpoint

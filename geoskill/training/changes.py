@@ -39,8 +39,8 @@ def fit_reward_scale(
     for name, member in members.items():
         changes: list[list[Tensor]] = [[] for _ in spans]
         moves: list[list[Tensor]] = [[] for _ in spans]
-        for transition in demonstration:
-            graph = transition[name]["first"]
+        for index in range(len(demonstration)):
+            graph = demonstration[index][name]["first"]
             span = int(graph.span_index)
             changes[span].append(error_changes(member, graph, objective.change))
             moves[span].append(error_changes(member, graph, "absolute").abs() > member.kernel.resolution)

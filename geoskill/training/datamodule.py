@@ -7,7 +7,7 @@ from torch.utils.data import DistributedSampler
 from torch_geometric.loader import DataLoader
 
 from geoskill.errors import InputError
-from geoskill.training.demonstration import Demonstration
+from geoskill.training.demonstration import Demonstration, Transition
 
 
 @final
@@ -34,5 +34,7 @@ class TransitionData(LightningDataModule):
     def train_dataloader(self) -> DataLoader:
         """One epoch. Lightning tells the sampler the epoch, so that a resumed training sees the same order."""
         replicas, rank = (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
-        sampler = DistributedSampler(self.demonstration, replicas, rank, shuffle=True, seed=self.seed)
+        sampler: DistributedSampler[Transition] = DistributedSampler(
+            self.demonstration, replicas, rank, shuffle=True, seed=self.seed
+        )
         return DataLoader(self.demonstration, batch_size=self.batch_size, sampler=sampler)

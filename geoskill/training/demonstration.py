@@ -18,7 +18,7 @@ from torch.utils.data import Dataset
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
-from geoskill.graphs.motif_graph import Motion, MotifGraph, motif_graph
+from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.training.tracks import Progress, chain_motions
 

@@ -1,5 +1,7 @@
 """Noise on descriptors: a single video shows each feature under one light and from one side only."""
 
+import math
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -11,4 +13,4 @@ def noisy(descriptors: Float[Tensor, "n d"], strength: float, generator: torch.G
     The SD of one component is ``strength / sqrt(d)``, so one value means the same for descriptors of any length.
     """
     noise = torch.randn(descriptors.shape, generator=generator, device=descriptors.device, dtype=descriptors.dtype)
-    return descriptors + strength / descriptors.shape[1] ** 0.5 * noise
+    return descriptors + noise * (strength / math.sqrt(descriptors.shape[1]))

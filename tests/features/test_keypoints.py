@@ -47,12 +47,13 @@ def test_the_order_in_which_threads_deliver_does_not_matter() -> None:
 
 
 def test_keypoints_become_a_feature_set() -> None:
-    descriptors = np.array([[0.6, 0.8], [1.0, 0.0]], np.float64).T.copy().T  # not contiguous, not float32
+    descriptors = np.array([[0.6, 0.8], [1.0, 0.0]], np.float32).T.copy().T
+    assert not descriptors.flags.c_contiguous
     features = keypoint_features([keypoint(1.5, 2.25, 0.5), keypoint(7, 8, 0.25)], descriptors)
     assert features.node_type is NodeType.POINT
     assert features.geometry.tolist() == [[1.5, 2.25], [7.0, 8.0]]
     assert features.strength.tolist() == [0.5, 0.25]
-    np.testing.assert_array_equal(features.descriptors, descriptors.astype(np.float32))
+    np.testing.assert_array_equal(features.descriptors, descriptors)
     assert features.descriptors.flags.c_contiguous
     assert {a.dtype for a in (features.descriptors, features.geometry, features.strength)} == {np.dtype(np.float32)}
 

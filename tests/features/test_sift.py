@@ -62,10 +62,10 @@ def test_root_sift_is_the_root_of_the_histogram_that_sums_to_one() -> None:
     """So its dot products are the Hellinger kernels of the histograms (Arandjelovic and Zisserman, section 2)."""
     plain, root = Sift().extract(texture()), Sift(root=True).extract(texture())
     np.testing.assert_array_equal(plain.geometry, root.geometry)
-    histograms = plain.descriptors.astype(np.float64)
+    histograms = plain.descriptors[:50].astype(np.float64)
     histograms /= histograms.sum(axis=1, keepdims=True)
     hellinger = np.sqrt(histograms[:, None] * histograms).sum(axis=2)
-    np.testing.assert_allclose(root.descriptors @ root.descriptors.T, hellinger, atol=1e-5)
+    np.testing.assert_allclose(root.descriptors[:50] @ root.descriptors[:50].T, hellinger, atol=1e-5)
     assert np.abs(root.descriptors - plain.descriptors).max() > 0.01
 
 

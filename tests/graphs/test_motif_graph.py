@@ -10,7 +10,7 @@ from torch_geometric.loader import DataLoader
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import Motion, MotifGraph, gather_nodes, motif_graph
+from geoskill.graphs.motif_graph import MotifGraph, Motion, gather_nodes, motif_graph
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
@@ -175,7 +175,7 @@ def _model(kernel: Kernel, scorer: str) -> KernelModel:
         if scorer == "message passing"
         else Bilinear(motif, hidden_dim=16)
     )
-    return KernelModel(kernel, {kind: "any" for kind in node_types(kernel)}, network)
+    return KernelModel(kernel, dict.fromkeys(node_types(kernel), "any"), network)
 
 
 @pytest.mark.parametrize("scorer", ["message passing", "bilinear"])

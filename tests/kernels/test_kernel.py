@@ -136,9 +136,7 @@ COMPLETE = list(combinations(range(4), 2))
         ([POINT, POINT, LINE, LINE], [(0, 2), (1, 3)], {(0, 1, 2, 3), (1, 0, 3, 2)}),
     ],
 )
-def test_automorphisms(
-    roles: list[NodeType], edges: list[tuple[int, int]], expected: set[tuple[int, ...]]
-) -> None:
+def test_automorphisms(roles: list[NodeType], edges: list[tuple[int, int]], expected: set[tuple[int, ...]]) -> None:
     found = automorphisms(made_up(roles, edges))
     assert found[0] == tuple(range(len(roles)))
     assert set(found) == expected

@@ -9,7 +9,7 @@ from torch_geometric.data import Batch
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import Motion, MotifGraph, motif_graph
+from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
@@ -128,7 +128,7 @@ def test_it_names_its_extractors_in_the_order_of_the_roles(
 
 @pytest.mark.parametrize("extractors", [{}, {POINT: "sift"}, {LINE: "lbd"}])
 def test_a_type_without_an_extractor_is_refused(extractors: dict[NodeType, str]) -> None:
-    with pytest.raises(ValueError, match="p2l has extractors for .*; expected .*point"):
+    with pytest.raises(ValueError, match=r"p2l has extractors for .*; expected .*point"):
         KernelModel(PointToLine(), extractors, model_of(PointToLine()).scorer)
 
 
@@ -156,7 +156,7 @@ def test_the_state_dict_keeps_beta_and_every_score(tmp_path: Path) -> None:
 def test_a_checkpoint_without_beta_is_refused() -> None:
     state = model_of(PointToPoint()).state_dict()
     del state["beta"]
-    with pytest.raises(RuntimeError, match="Missing key.*beta"):
+    with pytest.raises(RuntimeError, match=r"Missing key.*beta"):
         model_of(PointToPoint()).load_state_dict(state)
 
 

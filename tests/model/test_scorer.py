@@ -114,9 +114,7 @@ def test_an_instance_is_scored_by_its_own_features_only(scorer: str, motif: str)
     for number in (0, 7):
         gradients = torch.autograd.grad(network(descriptors, index)[number], wanted)
         for kind, gradient in zip(descriptors, gradients, strict=True):
-            own = {
-                int(row[number]) for role, row in zip(MOTIFS[motif].roles, index, strict=True) if role is kind
-            }
+            own = {int(row[number]) for role, row in zip(MOTIFS[motif].roles, index, strict=True) if role is kind}
             assert {int(feature) for feature in gradient.abs().sum(dim=1).nonzero()} == own
 
 

@@ -122,7 +122,7 @@ def test_beta_is_the_scale_over_the_median_move(changes: list[float], expected: 
 
 
 def test_beta_with_another_scale() -> None:
-    assert float(beta_from_changes(*moving([0.25, 0.5, -0.75], 0.3), scale=3.0)) == 3.0 / 0.625
+    assert float(beta_from_changes(*moving([0.25, 0.5, -0.75], 0.3), scale=3.0)) == pytest.approx(3.0 / 0.625)
 
 
 def test_the_median_mover_earns_tanh_of_half_the_scale() -> None:
