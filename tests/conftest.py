@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 # The demonstrations are no part of this repository; they lie in a folder beside it.
@@ -14,3 +16,37 @@ def blocks() -> Path:
     if not BLOCKS.is_dir():
         pytest.skip(f"the real demonstrations are not there; expected the folder {BLOCKS}")
     return BLOCKS
+
+
+@pytest.fixture(scope="session")
+def demonstration_frames() -> tuple[np.ndarray, ...]:
+    """20 RGB frames of 120 rows x 160 columns: a patterned tile slides 2.5 pixels a frame to the right, up to another.
+
+    The moving tile covers x 28 to 60, y 46 to 78 in the first frame, x 75.5 to 107.5 in the last; the resting tile
+    x 108 to 140 throughout. Below both, a third tile that has nothing to do with it rests at x 60 to 92, y 88 to 120.
+    """
+    generator = np.random.default_rng(3)
+    moving, target, bystander = (
+        np.kron(generator.integers(30, 226, (4, 4, 3)), np.ones((8, 8, 1))).astype(np.uint8) for _ in range(3)
+    )
+    background = np.full((120, 160, 3), 128, np.uint8)
+    background[46:78, 108:140] = target
+    background[88:120, 60:92] = bystander
+    frames = []
+    for number in range(20):
+        frame = background.copy()
+        shift = np.array([[1, 0, 28 + 2.5 * number], [0, 1, 46]], np.float32)
+        cv2.warpAffine(moving, shift, (160, 120), dst=frame, borderMode=cv2.BORDER_TRANSPARENT)
+        frames.append(frame)
+    return tuple(frames)
+
+
+@pytest.fixture(scope="session")
+def demonstration_folder(
+    tmp_path_factory: pytest.TempPathFactory, demonstration_frames: tuple[np.ndarray, ...]
+) -> Path:
+    """The same as a folder of PNG files; read only."""
+    folder = tmp_path_factory.mktemp("demonstration")
+    for number, frame in enumerate(demonstration_frames):
+        cv2.imwrite(str(folder / f"{number:03d}.png"), frame[:, :, ::-1])
+    return folder

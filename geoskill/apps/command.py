@@ -9,16 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from geoskill.apps.settings import check_kinds
 from geoskill.errors import InputError
 
 UNUSABLE_INPUT = 2
 FAILURE = 1
 INTERRUPTED = 130
+FAILED_RUN = "error.txt"
 
 
 def configuration_folder() -> str:
@@ -32,37 +35,60 @@ def run_command(name: str, job: Callable[[DictConfig], None]) -> None:
     """Run ``job`` with the configuration ``conf/NAME.yaml`` and the command line's overrides.
 
     Whatever the user gave wrongly is told in one line, with exit status 2; a failure in the middle of work in one line
-    with exit status 1. ``debug=true`` shows the traceback.
+    with exit status 1. ``debug=true`` shows the traceback. A run of a sweep leaves that line in its folder, and the
+    others go on; :class:`~geoskill.apps.sweep.SweepSummary` tells.
     """
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
 
     def guarded(cfg: DictConfig) -> None:
-        if HydraConfig.get().mode == RunMode.MULTIRUN:
-            job(cfg)  # Hydra collects the errors of a sweep and names the job
-        else:
-            _exit_on_error(lambda: job(cfg))
+        def work() -> None:
+            check_kinds(cfg)
+            job(cfg)
 
-    _exit_on_error(
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            _record_failure(work, Path(HydraConfig.get().runtime.output_dir) / FAILED_RUN)
+        else:
+            _exit_on_error(work)  # here, for Hydra would print a line of its own
+
+    def command() -> None:
+        _, unknown = get_args_parser().parse_known_args()
+        if unknown:
+            raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
         hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(
             # Hydra names the run after the function's file.
             functools.wraps(job)(guarded)
-        )
-    )
+        )()
+
+    _exit_on_error(command)
+
+
+def _show_traceback() -> None:
+    if {"debug=true", "debug=True"} & set(sys.argv):
+        traceback.print_exc()
 
 
 def _exit_on_error(work: Callable[[], None]) -> None:
     try:
         work()
     except Exception as error:
-        if any(argument in ("debug=true", "debug=True", "debug=1") for argument in sys.argv):
-            traceback.print_exc()
+        _show_traceback()
         status, message = explain(error)
         print(f"error: {message}", file=sys.stderr)
         sys.exit(status)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
+
+
+def _record_failure(work: Callable[[], None], path: Path) -> None:
+    path.unlink(missing_ok=True)
+    try:
+        work()
+    except Exception as error:
+        _show_traceback()
+        status, message = explain(error)
+        path.write_text(f"{status} {message}\n", encoding="utf-8")
 
 
 def explain(error: BaseException) -> tuple[int, str]:
@@ -98,5 +124,8 @@ def _hydra_message(error: BaseException) -> str:
     for noise in ("Config search path", "To append to your config", "See https:", "Set the environment variable"):
         message = message.partition(noise)[0]
     lines = [line.strip() for line in message.splitlines() if line.strip()]
-    # The last words of OmegaConf's messages name the same key once more.
-    return " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=")))
+    text = " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=", "reference_type=")))
+    if text.startswith("Could not override"):
+        return f"{text.rstrip('.')}: there is no such key; expected one that --cfg job shows"
+    node = next((line.partition(":")[2].strip() for line in lines if line.startswith("full_key:")), "")
+    return text if node in text else f"{node}: {text}"

@@ -21,18 +21,18 @@ def evaluate(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.apps.inputs import load_skill, required
+    from geoskill.apps.inputs import load_skill, open_recording, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
-    from geoskill.apps.scoring import score
-    from geoskill.features.video import open_frames, read_all
+    from geoskill.apps.scoring import load_labels, score
+    from geoskill.features.video import read_all
 
     quiet_libraries()
     video = required(cfg, "video", "a labelled video file or folder of images")
     regions_path = required(cfg, "regions", "a JSON file of labelled regions")
     skill = load_skill(cfg)
-    frames = read_all(open_frames(video, cfg.frame_rate), minimum=1)
-    figures, rows = score(skill, frames, regions_path, cfg.every)
+    frames = read_all(open_recording(video, cfg.frame_rate), minimum=1)
+    figures, rows = score(skill, frames, load_labels(str(regions_path), frames, cfg.every), cfg.every)
     folder = Path(HydraConfig.get().runtime.output_dir)
     with replacing(folder / "metrics.json") as file:
         json.dump({"skill": str(cfg.skill), "video": str(video), "every": cfg.every, **figures}, file, indent=2)

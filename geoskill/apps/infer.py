@@ -27,7 +27,7 @@ def infer(cfg: DictConfig) -> None:
     quiet_libraries()
     video = required(cfg, "video", "a video file, a folder of images or a camera's number")
     skill = load_skill(cfg)
-    source = open_frames(video, cfg.frame_rate)
+    source = open_frames(str(video), cfg.frame_rate)
     folder = Path(HydraConfig.get().runtime.output_dir)
     write_inference(skill, source, source, folder, cfg.minimum_confidence, {})
     print(folder)

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
 
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
+from geoskill.features.video import Camera, FrameSource, open_frames
 from geoskill.skill.skill import Skill
 
 
@@ -20,8 +22,28 @@ def required(cfg: DictConfig, key: str, expected: str) -> Any:
     return cfg[key]
 
 
+def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
+    """The frames of something that ends.
+
+    Raises:
+        InputError: when it cannot be opened, or is a camera.
+    """
+    source = open_frames(str(path), frame_rate)
+    if isinstance(source, Camera):
+        raise InputError(f"{path} is a camera; expected a video file or a folder of images")
+    return source
+
+
 def load_skill(cfg: DictConfig) -> Skill:
-    """The skill of ``skill=RUN/skill.ckpt``, with the feature cache of the configuration."""
+    """The skill of ``skill=RUN/skill.ckpt``, with the feature cache of the configuration.
+
+    Raises:
+        InputError: when there is no such skill, or the device cannot be used.
+    """
     path = required(cfg, "skill", "the skill.ckpt of a training run")
+    try:
+        torch.zeros(1, device=cfg.device)
+    except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without that device
+        raise InputError(f"device={cfg.device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
     cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
-    return Skill.load(path, device=cfg.device, cache=cache)
+    return Skill.load(str(path), device=cfg.device, cache=cache)

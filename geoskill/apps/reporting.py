@@ -12,7 +12,7 @@ import yaml
 from rich.progress import track
 
 from geoskill.errors import InputError
-from geoskill.features.video import Frame, FrameSource
+from geoskill.features.video import Camera, Frame, FrameSource
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.skill import Skill
@@ -27,11 +27,12 @@ def write_inference(
     source: FrameSource,
     folder: Path,
     minimum_confidence: float,
-    metrics: Mapping[str, float],
+    metrics: Mapping[str, int | float],
 ) -> dict[str, Any]:
     """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
 
-    When the frames end by Ctrl-C (a camera) or because the source is damaged, everything up to there is written first.
+    Ctrl-C is how a camera's frames end. When they end by Ctrl-C otherwise, or because the source is damaged, everything
+    up to there is written first, unless ``folder`` holds earlier results: those stay.
 
     Args:
         skill: selects the associations.
@@ -39,10 +40,11 @@ def write_inference(
         source: gives the name and the frame rate.
         folder: an existing folder.
         minimum_confidence: associations below it are not drawn.
-        metrics: figures to add.
+        metrics: figures to add where there are none of the same name.
 
     Raises:
         InputError: where the source is damaged.
+        KeyboardInterrupt: after Ctrl-C, unless the source is a camera.
     """
     definition = TaskDefinition(skill.members)
     history: list[tuple[int, str, float, float]] = []
@@ -77,21 +79,24 @@ def write_inference(
                         history.append((frame.index, member, association.confidence, norm))
                 count += 1
         except (KeyboardInterrupt, InputError) as error:
-            failure = error
+            if not (isinstance(error, KeyboardInterrupt) and isinstance(source, Camera)):
+                if count == 0 or (folder / "associations.jsonl").exists():
+                    raise
+                failure = error
     summary: dict[str, Any] = {
         "source": source.name,
         "frames": count,
         "frames_with_association": len({row[0] for row in history}),
         "mean_confidence": float(np.mean([row[2] for row in history])) if history else None,
-        **metrics,
     }
+    summary = {**summary, **metrics, **summary}
     described = {"source": source.name, **definition.as_dict()}
     with replacing(folder / "skill.yaml") as file:
         yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
     with replacing(folder / "metrics.json") as file:
         json.dump(summary, file, indent=2)
     plot_inference(history, folder / "inference.png")
-    if isinstance(failure, InputError):
+    if failure is not None:
         raise failure
     return summary
 

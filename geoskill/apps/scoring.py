@@ -6,22 +6,33 @@ from typing import Any
 
 from rich.progress import track
 
+from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
-from geoskill.evaluation.regions import load_regions
+from geoskill.evaluation.regions import Regions, load_regions
 from geoskill.features.video import Frame
 from geoskill.skill.skill import Skill
 
 
-def score(
-    skill: Skill, frames: Sequence[Frame], regions_path: str | Path, every: int
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Figures over all judged frames, and a row for each member and judged frame.
+def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
+    """The labelled regions of these frames, of which every so many are to be judged.
 
     Raises:
         InputError: when the regions do not fit the frames.
     """
+    if every < 1:
+        raise InputError(f"every={every}: expected at least 1")
     height, width = frames[0].image.shape[:2]
-    regions = load_regions(Path(regions_path), (width, height), len(frames))
+    return load_regions(path, (width, height), len(frames))
+
+
+def score(
+    skill: Skill, frames: Sequence[Frame], regions: Regions, every: int
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Figures over all judged frames, and a row for each member and judged frame.
+
+    Raises:
+        InputError: when no frame to be judged is labelled.
+    """
     return evaluate_frames(
         frames,
         skill.infer,

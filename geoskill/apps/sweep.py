@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
@@ -11,6 +12,8 @@ from typing import Any, final
 
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
+
+from geoskill.apps.command import FAILED_RUN
 
 # The figures of a run's metrics.json that are worth comparing, where a run has them.
 FIGURES = ("top1_accuracy", "objective", "rsw", "mean_confidence", "steps")
@@ -21,24 +24,36 @@ class SweepSummary(Callback):
     """Writes ``summary.md``, ``summary.csv``, ``summary.json`` and ``summary.png`` into the sweep's folder."""
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Called by Hydra after the last job, also when some have failed."""
+        """Called by Hydra after the last job; when some have failed, says so and ends with the first one's status."""
         folder = Path(config.hydra.sweep.dir)
         runs = read_runs(folder)
         if runs:
             rows = summarise(runs)
             write_summary(rows, folder)
             print((folder / "summary.md").read_text(encoding="utf-8"))
-        print(folder.resolve())
+        print(folder.resolve(), flush=True)
+        failures = _in_order(folder, FAILED_RUN)
+        if failures:
+            status, _, message = failures[0].read_text(encoding="utf-8").strip().partition(" ")
+            print(f"error: {len(failures)} run(s) failed, first {failures[0].parent}: {message}", file=sys.stderr)
+            sys.exit(int(status))
 
 
 def read_runs(folder: Path) -> list[tuple[dict[str, str], dict[str, Any]]]:
     """Overrides and figures of every complete run of a sweep, in the order of its jobs."""
     runs = []
-    for metrics in sorted(folder.glob("*/metrics.json"), key=lambda path: (len(path.parent.name), path.parent.name)):
+    for metrics in _in_order(folder, "metrics.json"):
+        if metrics.with_name(FAILED_RUN).exists():  # these are figures of an earlier run in the same folder
+            continue
         overrides = OmegaConf.load(metrics.parent / ".hydra" / "overrides.yaml")
-        pairs = dict(str(override).split("=", 1) for override in overrides)
+        pairs = {key: value for key, _, value in (str(override).partition("=") for override in overrides)}
         runs.append((pairs, json.loads(metrics.read_text(encoding="utf-8"))))
     return runs
+
+
+def _in_order(folder: Path, name: str) -> list[Path]:
+    """The file of every job that has it, the tenth job after the ninth."""
+    return sorted(folder.glob(f"*/{name}"), key=lambda path: (len(path.parent.name), path.parent.name))
 
 
 def summarise(runs: Sequence[tuple[Mapping[str, str], Mapping[str, Any]]]) -> list[dict[str, Any]]:

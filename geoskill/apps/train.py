@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps.command import INTERRUPTED, run_command
+from geoskill.apps.settings import refusing
 from geoskill.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,15 +40,16 @@ def train(cfg: DictConfig) -> None:
             "task.path is not set; expected a demonstration: python train.py task=video task.path=DIR_OR_FILE"
             " (a folder of images or a video file; the simulated tasks are not part of this version)"
         )
+    _check_ranges(cfg)
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
     import torch
 
+    from geoskill.apps.inputs import open_recording
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
-    from geoskill.apps.scoring import score
-    from geoskill.evaluation.regions import load_regions
+    from geoskill.apps.scoring import load_labels, score
     from geoskill.features.cache import FeatureCache
-    from geoskill.features.video import open_frames, read_all
+    from geoskill.features.video import read_all
     from geoskill.skill.description import build, describe
     from geoskill.skill.skill import Skill, read_checkpoint
     from geoskill.training.callbacks import MetricsTable
@@ -63,25 +68,21 @@ def train(cfg: DictConfig) -> None:
     description = describe(
         plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
     )
-    if cfg.ckpt_path is not None:
-        _check_same_skill(cfg.ckpt_path, read_checkpoint(cfg.ckpt_path)["skill"], description)
+    stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
+    if stored is not None:
+        _check_same_skill(cfg, stored, description)
 
-    if cfg.task.regions is not None:
-        load_regions(Path(cfg.task.regions))  # a typo shows before training, not after it
-    source = open_frames(cfg.task.path, cfg.task.frame_rate)
-    frames = read_all(source, minimum=cfg.demonstration.gap + 1)
     cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
     objective = instantiate(cfg.objective)
-    parts = build(description, cache)
-    demonstration = Demonstration(
-        [frame.image for frame in frames],
-        parts.pipelines,
-        parts.members,
-        gap=cfg.demonstration.gap,
-        horizon=cfg.demonstration.horizon,
-        progress=show_progress,
+    with refusing("model"):
+        parts = build(description, cache)
+    loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
+    trainer: Trainer = instantiate(
+        cfg.trainer,
+        logger=loggers or False,
+        callbacks=[MetricsTable(folder / "metrics.csv"), *_callbacks(cfg, folder)],
+        default_root_dir=str(folder),
     )
-    fit_reward_scale(parts.members, demonstration, objective)
     module = SkillTraining(
         parts.members,
         objective,
@@ -90,17 +91,30 @@ def train(cfg: DictConfig) -> None:
         seed=cfg.seed,
         description=description,
     )
-    data = TransitionData(demonstration, batch_size=cfg.demonstration.batch_size, seed=cfg.seed)
-    loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
-    trainer: Trainer = instantiate(
-        cfg.trainer,
-        logger=loggers or False,
-        callbacks=[MetricsTable(folder / "metrics.csv"), *_callbacks(cfg, folder)],
-        default_root_dir=str(folder),
+    with refusing("optimizer"):
+        module.configure_optimizers()  # Lightning does it again, but only when all features are extracted
+
+    source = open_recording(cfg.task.path, cfg.task.frame_rate)
+    frames = read_all(source, minimum=cfg.demonstration.gap + 1)
+    regions = None
+    if cfg.task.regions is not None:
+        regions = load_labels(str(cfg.task.regions), frames, cfg.task.every)
+    demonstration = Demonstration(
+        [frame.image for frame in frames],
+        parts.pipelines,
+        parts.members,
+        gap=cfg.demonstration.gap,
+        horizon=cfg.demonstration.horizon,
+        progress=show_progress,
     )
+    if stored is not None:
+        _check_same_spans(cfg, stored, demonstration.spans)
+    fit_reward_scale(parts.members, demonstration, objective)
+    data = TransitionData(demonstration, batch_size=cfg.demonstration.batch_size, seed=cfg.seed)
+    _check_processes(trainer)
     for logger in trainer.loggers:
         logger.log_hyperparams(plain)
-    _fit(trainer, module, data, cfg.ckpt_path, folder)
+    _fit(trainer, module, data, cfg.ckpt_path and str(cfg.ckpt_path), folder)
     if not trainer.is_global_zero:
         return
 
@@ -108,12 +122,29 @@ def train(cfg: DictConfig) -> None:
     skill = Skill(parts)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
-    if cfg.task.regions is not None:
-        figures, _ = score(skill, frames, cfg.task.regions, every=cfg.task.every)
-        metrics.update({name: value for name, value in figures.items() if isinstance(value, int | float)})
+    if regions is not None:
+        figures, _ = score(skill, frames, regions, cfg.task.every)
+        figures["judged_frames"] = figures["frames"]
+        # Figures of training and of all frames keep their meaning, labelled or not.
+        metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
     summary = write_inference(skill, frames, source, folder, cfg.inference.minimum_confidence, metrics)
     _log_results(trainer, folder, summary)
     print(folder)
+
+
+def _check_ranges(cfg: DictConfig) -> None:
+    """What no object checks when it is built."""
+    for key, lowest, expected in (
+        ("threads", 1, "at least 1"),
+        ("demonstration.descriptor_noise", 0, "0 or more"),
+        ("early_stopping.patience", 0, "0 or more, or null"),
+    ):
+        value = OmegaConf.select(cfg, key)
+        if value is not None and value < lowest:
+            raise InputError(f"{key}={value}: expected {expected}")
+    for key in ("max_epochs", "limit_train_batches"):
+        if cfg.trainer.get(key) == 0:
+            raise InputError(f"trainer.{key}=0: expected at least 1")
 
 
 def _callbacks(cfg: DictConfig, folder: Path) -> list[Any]:
@@ -140,10 +171,10 @@ def _fit(trainer: Trainer, module: Any, data: Any, checkpoint: str | None, folde
         trainer.fit(module, datamodule=data, ckpt_path=checkpoint, weights_only=True)
     except (SystemExit, KeyboardInterrupt):
         if trainer.interrupted and trainer.is_global_zero:
-            overrides = " ".join(o for o in HydraConfig.get().overrides.task if not o.startswith("ckpt_path="))
+            overrides = [o for o in HydraConfig.get().overrides.task if not o.startswith("ckpt_path=")]
             print(
                 f"\ninterrupted after {trainer.current_epoch} epochs; {folder / CHECKPOINT} is complete. To go on:\n"
-                f"  python train.py {overrides} ckpt_path={folder / CHECKPOINT}",
+                f"  python train.py {shlex.join([*overrides, f'ckpt_path={folder / CHECKPOINT}'])}",
                 file=sys.stderr,
             )
             with contextlib.suppress(ValueError):
@@ -152,11 +183,38 @@ def _fit(trainer: Trainer, module: Any, data: Any, checkpoint: str | None, folde
         raise
 
 
-def _check_same_skill(path: str, stored: Any, wanted: dict[str, Any]) -> None:
+def _check_processes(trainer: Trainer) -> None:
+    """Lightning starts further processes by repeating the command line, which in a sweep would repeat the sweep."""
+    environment = getattr(trainer.strategy, "cluster_environment", None)
+    started_here = environment is not None and not environment.creates_processes_externally
+    if HydraConfig.get().mode == RunMode.MULTIRUN and trainer.world_size > 1 and started_here:
+        raise InputError(
+            f"trainer.devices={trainer.num_devices} in a sweep; expected one process for each of its runs (trainer=cpu"
+            " or trainer=gpu)"
+        )
+
+
+def _check_same_skill(cfg: DictConfig, checkpoint: dict[str, Any], wanted: dict[str, Any]) -> None:
+    stored = checkpoint["skill"]
     for part in ("members", "extractors", "model", "features"):
         if stored.get(part) != wanted[part]:
             raise InputError(
-                f"ckpt_path={path}: its {part} are {stored.get(part)}; expected those of this run, {wanted[part]}"
+                f"ckpt_path={cfg.ckpt_path}: its {part} are {stored.get(part)};"
+                f" expected those of this run, {wanted[part]}"
+            )
+    epochs = checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"]
+    if -1 < cfg.trainer.max_epochs <= epochs:
+        raise InputError(
+            f"ckpt_path={cfg.ckpt_path}: has all of its {epochs} epochs; expected trainer.max_epochs to be more"
+        )
+
+
+def _check_same_spans(cfg: DictConfig, checkpoint: dict[str, Any], spans: Sequence[int]) -> None:
+    for name, values in checkpoint["state_dict"].items():
+        if name.endswith(".spans") and values.tolist() != list(spans):
+            raise InputError(
+                f"ckpt_path={cfg.ckpt_path}: learned from transitions over {values.tolist()} frames;"
+                f" expected those of this demonstration, {list(spans)}"
             )
 
 

@@ -22,7 +22,7 @@ LISTED = 5
 class _Group:
     """Top associations of several frames that join the same two features."""
 
-    descriptors: list[Float32[np.ndarray, " d"]]
+    descriptors: list[Float32[np.ndarray, " _"]]
     best: Association
     best_frame: int
     frames: int = 1
@@ -108,7 +108,7 @@ class TaskDefinition:
 
 def _assign(
     groups: list[_Group],
-    descriptors: list[Float32[np.ndarray, " d"]],
+    descriptors: list[Float32[np.ndarray, " _"]],
     association: Association,
     frame_index: int,
     orders: tuple[tuple[int, ...], ...],

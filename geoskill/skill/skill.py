@@ -65,6 +65,7 @@ class Skill:
             raise InputError(f"{path}: its weights do not fit its description ({message[:200]})") from error
         return cls(parts)
 
+    @torch.no_grad()
     def infer(self, frame: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
         """The associations that define the task in one RGB frame, whatever frames came before.
 
@@ -87,7 +88,6 @@ class Skill:
                 reasons[member.kernel.name, member.descriptor] = f"no instance: {found} found"
         return InferenceResult(tuple(associations), np.concatenate(errors), features, reasons)
 
-    @torch.no_grad()
     def _select(self, member: KernelModel, features: Mapping[str, FeatureSet]) -> Iterator[Association]:
         graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
         instances = graph.instance_index.shape[1]

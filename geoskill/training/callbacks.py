@@ -33,11 +33,14 @@ class MetricsTable(Callback):
         if not trainer.is_global_zero or not self.rows:
             return
         temporary = self.path.with_suffix(".csv.part")
-        with temporary.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
-            writer.writeheader()
-            writer.writerows(self.rows)
-        os.replace(temporary, self.path)
+        try:
+            with temporary.open("w", newline="") as file:
+                writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
+                writer.writeheader()
+                writer.writerows(self.rows)
+            os.replace(temporary, self.path)
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def state_dict(self) -> dict[str, Any]:
         """The rows so far."""
@@ -66,9 +69,13 @@ class ResumableCheckpoint(Checkpoint):
 
     def _save(self, trainer: Trainer) -> None:
         temporary = self.path.with_suffix(".ckpt.part")
-        trainer.save_checkpoint(temporary)
-        if trainer.is_global_zero:
-            os.replace(temporary, self.path)
+        try:
+            trainer.save_checkpoint(temporary)
+            if trainer.is_global_zero:
+                os.replace(temporary, self.path)
+        finally:
+            if trainer.is_global_zero:
+                temporary.unlink(missing_ok=True)
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Something to resume from, even if the first epoch is interrupted."""

@@ -20,7 +20,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.training.tracks import Progress, chain_motions
+from geoskill.training.tracks import Progress, chain_motions, neighbour_flows
 
 Transition = dict[str, dict[str, MotifGraph]]
 
@@ -94,8 +94,9 @@ class Demonstration(Dataset[Transition]):
                     f"no frame of the demonstration has an association of {name}; expected features of type"
                     f" {' and '.join(member.extractors)} (raise features.min_side or choose another descriptor)"
                 )
+        flows = neighbour_flows(frames, gap, progress)
         self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
-            name: chain_motions(found, frames, gap, self.spans, progress) for name, found in self._features.items()
+            name: chain_motions(found, flows, gap, self.spans) for name, found in self._features.items()
         }
 
     def _has_instance(self, member: KernelModel, t: int) -> bool:

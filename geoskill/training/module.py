@@ -1,6 +1,8 @@
 """Training as a Lightning module: maximise the objective of every member of the ensemble."""
 
+import zlib
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, final
 
 import torch
@@ -25,7 +27,8 @@ class SkillTraining(LightningModule):
     The members share batches and optimiser, but no weights, and their gradients are clipped one by one: an ensemble
     learns what its members would have learned alone.
 
-    Everything random depends on the seed and the step only, so a resumed training goes on exactly as it would have.
+    Everything random depends on the seed, the member and the step only, so a resumed training goes on exactly as it
+    would have.
 
     Args:
         members: by name; their reward scale must be fitted (:func:`fit_reward_scale`), or come from a checkpoint.
@@ -61,21 +64,22 @@ class SkillTraining(LightningModule):
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """Minus the sum of the members' objectives on a batch of transitions."""
-        values = {}
-        for position, (name, frames) in enumerate(batch.items()):
-            generator = torch.Generator(device=self.device)
-            # Steps, members and processes must not share noise.
-            stream = (self.global_step * len(self.members) + position) * self.trainer.world_size + self.global_rank
-            generator.manual_seed(self.seed * 1_000_003 + stream)
-            values[name] = self._member_objective(name, frames, generator)
+        values = {name: self._member_objective(name, frames, self._generator(name)) for name, frames in batch.items()}
+        # Means over all processes, whose parts of a batch are equally large.
+        log = partial(self.log, batch_size=self._transitions(batch), sync_dist=True)
         for name, value in values.items():
             for quantity in ("objective", "reward", "rsw", "error"):
-                self.log(f"{name}/{quantity}", getattr(value, quantity), batch_size=self._transitions(batch))
+                log(f"{name}/{quantity}", getattr(value, quantity))
         total = torch.stack([value.objective for value in values.values()])
-        self.log("objective", total.mean(), prog_bar=True, on_epoch=True, batch_size=self._transitions(batch))
+        log("objective", total.mean(), prog_bar=True, on_epoch=True)
         rsw = torch.stack([value.rsw for value in values.values()]).mean()
-        self.log("rsw", rsw, prog_bar=True, on_epoch=True, on_step=False, batch_size=self._transitions(batch))
+        log("rsw", rsw, prog_bar=True, on_epoch=True, on_step=False)
         return -total.sum()
+
+    def _generator(self, member: str) -> torch.Generator:
+        """Seeded by member, step and process, which must not share noise, but not by what other members there are."""
+        stream = f"{self.seed} {member} {self.global_step} {self.global_rank}"
+        return torch.Generator(device=self.device).manual_seed(zlib.crc32(stream.encode()))
 
     @staticmethod
     def _transitions(batch: Batch) -> int:

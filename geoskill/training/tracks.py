@@ -5,8 +5,8 @@
     frame      t      t+hop    t+2 hop   ...    t+span
     F_t  ---->  .  ---->  .  ---->  .   ...  ---->  F_t's features at t+span
 
-Each arrow is one call of :func:`~geoskill.features.flow.follow_features` on the features of all earlier frames that are
-still followed, so a long span costs no more calls than a short one. A feature that is lost once stays lost.
+Each arrow follows the features of all earlier frames along one optical flow, so a long span costs no more flows than a
+short one. A feature that is lost once stays lost.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,7 +18,8 @@ import torch
 from jaxtyping import Bool, Float32
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.features.flow import follow_features
+from geoskill.features.flow import Flow, dense_flow, follow_along
+from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import Motion
 
 Progress = Callable[[Sequence[int], str], Iterable[int]]
@@ -35,35 +36,46 @@ class _Track:
     followed: Bool[np.ndarray, " n"]
 
 
+def neighbour_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress) -> list[Flow]:
+    """The flow from every frame ``t`` to frame ``t + hop``.
+
+    Args:
+        frames: ``[H, W, 3]`` RGB pictures.
+        hop: frames between the two of a flow.
+        progress: shows progress over the frames.
+    """
+    return [dense_flow(frames[t], frames[t + hop]) for t in progress(range(len(frames) - hop), "following motion")]
+
+
 def chain_motions(
-    features: Sequence[FeatureSet], frames: Sequence[np.ndarray], hop: int, spans: Sequence[int], progress: Progress
+    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, spans: Sequence[int]
 ) -> dict[tuple[int, int], Motion]:
     """Where the features of frame ``t`` lie in frame ``t + span``.
 
     Args:
         features: of every frame, all of one type.
-        frames: ``[H, W, 3]`` RGB, as many.
-        hop: frames between two calls of the tracker.
+        flows: of :func:`neighbour_flows`.
+        hop: frames between the two of a flow.
         spans: positive multiples of ``hop``.
-        progress: shows progress over the frames.
 
     Returns:
         A motion for each ``(t, span)`` and each ``(t, -span)`` that stays within the demonstration.
     """
     motions: dict[tuple[int, int], Motion] = {}
     longest = max(spans) // hop
-    last = len(frames) - 1
+    last = len(features) - 1
     live: dict[tuple[int, int], list[_Track]] = {}
-    for step in progress(range(len(frames)), "following features"):
+    for step in range(len(features)):
         for direction in (1, -1):
             here = step if direction == 1 else last - step
             there = here + direction * hop
             if not 0 <= there <= last:
                 continue
-            tracks = live.pop((direction, here), [])
+            flow = flows[here] if direction == 1 else flows[there].reversed()
             found = features[here]
+            tracks = live.pop((direction, here), [])
             tracks.append(_Track(here, 0, found.geometry, np.ones(len(found), bool)))
-            tracks = _advance(tracks, features, frames[here], frames[there])
+            tracks = _advance(tracks, found.node_type, flow)
             for track in tracks:
                 span = track.hops * hop
                 if span in spans:
@@ -76,13 +88,10 @@ def chain_motions(
     return motions
 
 
-def _advance(
-    tracks: Sequence[_Track], features: Sequence[FeatureSet], here: np.ndarray, there: np.ndarray
-) -> list[_Track]:
-    """All tracks one hop further, in one call of the tracker."""
-    node_type = features[tracks[0].start].node_type
+def _advance(tracks: Sequence[_Track], node_type: NodeType, flow: Flow) -> list[_Track]:
+    """All tracks one hop further."""
     moving = np.concatenate([track.geometry[track.followed] for track in tracks])
-    geometry, followed = follow_features(node_type, moving, here, there)
+    geometry, followed = follow_along(node_type, moving, flow)
     advanced = []
     offset = 0
     for track in tracks:

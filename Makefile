@@ -1,0 +1,60 @@
+# `make` lists the targets. The virtual environment is made on first use, and again when what it holds changes.
+PYTHON ?= python3
+VENV ?= .venv
+ARGS ?=
+WORKERS ?= 2
+
+READY := $(VENV)/installed
+RUN := $(VENV)/bin/python
+PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
+
+.PHONY: help train infer evaluate reproduce test test-fast lint clean
+help: ## show this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+
+train: $(READY) ## learn a skill: make train ARGS="kernel=p2p task=video task.path=DIR_OR_FILE"
+	@$(RUN) train.py $(ARGS)
+
+infer: $(READY) ## ask a skill: make infer ARGS="skill=RUN/skill.ckpt video=VIDEO"
+	@$(RUN) infer.py $(ARGS)
+
+evaluate: $(READY) ## score a skill: make evaluate ARGS="skill=RUN/skill.ckpt video=DIR regions=FILE"
+	@$(RUN) evaluate.py $(ARGS)
+
+reproduce: $(READY) ## train and score over several seeds: make reproduce ARGS="artifact.data=DIR"
+	@$(RUN) reproduce.py $(ARGS)
+
+test: $(READY) ## all tests
+	$(PYTEST) $(ARGS)
+
+test-fast: $(READY) ## the tests that take no more than seconds
+	$(PYTEST) -m "not slow" $(ARGS)
+
+lint: $(READY) ## style, types, and the direction of imports
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+	$(VENV)/bin/lint-imports --no-logo
+
+clean: ## remove the virtual environment and caches; runs under outputs/ stay
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "$(PYTHON) is $$($(PYTHON) --version 2>&1 || true); expected Python 3.11 or later (PYTHON=python3.12 make ...)" >&2; \
+		exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+			echo "$(PYTHON) cannot make virtual environments; running apt-get install python3-venv" >&2; \
+			apt-get update -qq && apt-get install -y -qq python3-venv; \
+		else \
+			echo "$(PYTHON) cannot make virtual environments; on Debian: sudo apt-get install python3-venv" >&2; \
+			exit 1; \
+		fi; }
+	@echo "installing into $(VENV), once; this takes some minutes" >&2
+	@$(PYTHON) -m venv $(VENV)
+# Alone and by its exact version, so that nothing else decides which build of PyTorch comes.
+	@$(PIP) "$$(grep '^torch==' constraints.txt)"
+	@$(PIP) --editable ".[dev]"
+	@touch $@

@@ -1,0 +1,100 @@
+"""``python infer.py`` on folders and videos."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+import yaml
+
+from geoskill.apps.reporting import write_inference
+from geoskill.features.video import Frame, FrameSource
+from geoskill.skill.skill import Skill
+
+Command = Callable[..., Any]
+
+
+def associations(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "associations.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+def write_video(path: Path, frames: tuple[np.ndarray, ...], rate: int = 10) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate, options={"crf": "0"})
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "yuv444p"
+        for image in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_the_demonstration_again_gives_what_training_said(
+    command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    ended = command("infer", f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}")
+    assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
+    assert ended.stderr == ""
+    assert associations(tmp_path) == associations(trained.folder)
+    for name in ("skill.yaml", "overlay.mp4"):
+        assert (tmp_path / name).read_bytes() == (trained.folder / name).read_bytes()
+    assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 20
+
+
+def test_a_video_file(
+    command: Command, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    black = np.zeros_like(demonstration_frames[0])
+    path = write_video(tmp_path / "robot.mp4", (*demonstration_frames[:4], black, *demonstration_frames[4:6]))
+    run = tmp_path / "run"
+    ended = command("infer", f"skill={skill}", f"video={path}", f"hydra.run.dir={run}")
+    assert (ended.status, ended.stderr, ended.folder) == (0, "", run)
+    lines = associations(run)
+    first = [line for line in lines if line["rank"] in (0, 1)]
+    assert [line["frame"] for line in first] == list(range(7))
+    assert [line["rank"] for line in first] == [1, 1, 1, 1, 0, 1, 1]
+    assert [line["time_s"] for line in first] == pytest.approx(np.arange(7) / 10, abs=1e-5)
+    figures = json.loads((run / "metrics.json").read_text())
+    assert (figures["frames"], figures["frames_with_association"]) == (7, 6)
+    assert figures["source"] == str(path)
+    assert yaml.safe_load((run / "skill.yaml").read_text())["members"]["p2p_sift"]["frames_with_association"] == 6
+    with av.open(str(run / "overlay.mp4")) as container:
+        assert container.streams.video[0].codec_context.name == "h264"
+        assert float(container.streams.video[0].average_rate or 0) == pytest.approx(10)
+        assert sum(1 for _ in container.decode(video=0)) == 7
+
+
+class Interrupted(FrameSource):
+    """Two frames, then Ctrl-C."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.image = image
+
+    @property
+    def name(self) -> str:
+        return "interrupted"
+
+    @property
+    def frame_rate(self) -> float:
+        return 30.0
+
+    def __iter__(self) -> Iterator[Frame]:
+        yield Frame(0, 0.0, self.image)
+        yield Frame(1, 1 / 30, self.image)
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_keeps_what_there_is(skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path) -> None:
+    loaded, source = Skill.load(skill), Interrupted(demonstration_frames[0])
+    with pytest.raises(KeyboardInterrupt):
+        write_inference(loaded, source, source, tmp_path, 0.1, {})
+    assert {line["frame"] for line in associations(tmp_path)} == {0, 1}
+    assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 2
+    # A second time, the results of the first are earlier ones, which stay.
+    (tmp_path / "associations.jsonl").write_text("earlier")
+    with pytest.raises(KeyboardInterrupt):
+        write_inference(loaded, source, source, tmp_path, 0.1, {})
+    assert (tmp_path / "associations.jsonl").read_text() == "earlier"

@@ -1,0 +1,151 @@
+"""A small demonstration, and runs that learn from it."""
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from lightning import Callback, Trainer
+
+from geoskill.apps.progress import quiet_libraries
+from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.skill.description import build, describe
+from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint
+from geoskill.training.changes import fit_reward_scale
+from geoskill.training.datamodule import TransitionData
+from geoskill.training.demonstration import Demonstration
+from geoskill.training.module import SkillTraining
+
+MESSAGE_PASSING = {
+    "_target_": "geoskill.model.message_passing.MessagePassing",
+    "_partial_": True,
+    "hidden_dim": 8,
+    "layers": 2,
+    "shared_weights": True,
+}
+ADAM = partial(torch.optim.Adam, lr=3e-3)
+
+
+def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
+    return items
+
+
+@pytest.fixture(scope="session")
+def description() -> dict[str, Any]:
+    """A skill of two members, p2p_sift and p2l_sift_lbd."""
+    return describe(
+        {
+            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
+            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
+        },
+        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
+        MESSAGE_PASSING,
+        {"max_features": 10, "min_side": 0},
+        alternatives=3,
+    )
+
+
+class Training:
+    """Runs that learn from one demonstration; each starts from the same weights, whatever other members there are."""
+
+    def __init__(self, frames: Sequence[np.ndarray], description: Mapping[str, Any]) -> None:
+        self.description = description
+        parts = build(description)
+        self.demonstration = Demonstration(
+            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, progress=in_silence
+        )
+
+    def members(self, model: Mapping[str, Any] = MESSAGE_PASSING) -> dict[str, KernelModel]:
+        """Untrained ones."""
+        members = {}
+        for name, settings in self.description["members"].items():
+            torch.manual_seed(1)
+            alone = {**self.description, "members": {name: settings}, "model": model}
+            members |= build(alone).members
+        return members
+
+    def module(
+        self,
+        members: dict[str, KernelModel] | None = None,
+        optimizer: Callable[..., torch.optim.Optimizer] = ADAM,
+        descriptor_noise: float = 0.3,
+        **objective: Any,
+    ) -> SkillTraining:
+        """Members, their reward scale fitted, with an objective that has 3 alternatives."""
+        members = self.members() if members is None else members
+        settings = ObjectiveSettings(**{"alternatives": 3, **objective})
+        fit_reward_scale(members, self.demonstration, settings)
+        return SkillTraining(
+            members,
+            settings,
+            optimizer,
+            descriptor_noise=descriptor_noise,
+            seed=5,
+            description=self.description,
+        )
+
+    def run(
+        self,
+        module: SkillTraining,
+        folder: Path,
+        *,
+        epochs: int,
+        resume: Path | None = None,
+        callbacks: Sequence[Callback] = (),
+        **trainer: Any,
+    ) -> MetricsTable:
+        """Train, 3 batches of 8 transitions an epoch; leaves metrics.csv and skill.ckpt in the folder."""
+        folder.mkdir(exist_ok=True)
+        table = MetricsTable(folder / "metrics.csv")
+        settings = {
+            "accelerator": "cpu",
+            "devices": 1,
+            "limit_train_batches": 3,
+            "gradient_clip_val": 1.0,
+            "log_every_n_steps": 1,
+            "logger": False,
+            "enable_progress_bar": False,
+            "enable_model_summary": False,
+        }
+        with warnings.catch_warnings():
+            quiet_libraries()
+            Trainer(
+                **{**settings, **trainer},
+                max_epochs=epochs,
+                callbacks=[table, ResumableCheckpoint(folder / "skill.ckpt"), *callbacks],
+                default_root_dir=str(folder),
+            ).fit(
+                module,
+                datamodule=TransitionData(self.demonstration, batch_size=8, seed=5),
+                ckpt_path=resume,
+                weights_only=True,
+            )
+        return table
+
+
+@pytest.fixture(scope="session")
+def training_of(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> Callable[..., Training]:
+    """Makes the training of some of the description's members."""
+
+    @cache
+    def make(*names: str) -> Training:
+        members = {name: description["members"][name] for name in names}
+        return Training(demonstration_frames, {**description, "members": members})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def training(training_of: Callable[..., Training], description: dict[str, Any]) -> Training:
+    """Of both members: 20 frames, spans of 2, 4 and 8, so 18 + 16 + 12 = 46 transitions."""
+    return training_of(*description["members"])
+
+
+@pytest.fixture(scope="session")
+def demonstration(training: Training) -> Demonstration:
+    return training.demonstration

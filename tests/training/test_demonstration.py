@@ -1,0 +1,153 @@
+"""A demonstration as transitions: which there are, and that each graph moves to the right frame."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from geoskill.errors import InputError
+from geoskill.features.flow import follow_features
+from geoskill.geometry.primitives import NodeType
+from geoskill.skill.description import build
+from geoskill.training.demonstration import Demonstration, time_spans
+
+# A `Training` is what the fixtures of conftest.py make; see there.
+Training = Any
+
+
+@pytest.mark.parametrize(
+    ("frames", "gap", "horizon", "spans"),
+    [
+        (100, 2, 0.5, (2, 4, 8, 16, 32)),  # half of 99 is 49.5
+        (65, 2, 0.5, (2, 4, 8, 16, 32)),  # half of 64 is 32 exactly
+        (64, 2, 0.5, (2, 4, 8, 16)),
+        (9, 1, 1.0, (1, 2, 4, 8)),
+        (8, 1, 1.0, (1, 2, 4)),
+        (100, 3, 0.1, (3, 6)),
+        (100, 2, 0.0, (2,)),
+        (3, 2, 1.0, (2,)),
+        (100, 40, 0.2, (40,)),
+    ],
+)
+def test_spans_double_up_to_the_horizon(frames: int, gap: int, horizon: float, spans: tuple[int, ...]) -> None:
+    assert time_spans(frames, gap, horizon) == spans
+
+
+@pytest.mark.parametrize(
+    ("frames", "gap", "horizon", "message"),
+    [
+        (100, 0, 0.5, r"^demonstration\.gap=0: expected at least 1$"),
+        (100, -2, 0.5, r"^demonstration\.gap=-2: expected at least 1$"),
+        (100, 2, 1.5, r"^demonstration\.horizon=1\.5: expected a share from 0 to 1$"),
+        (100, 2, -0.1, r"^demonstration\.horizon=-0\.1: expected a share from 0 to 1$"),
+        (100, 2, float("nan"), r"^demonstration\.horizon=nan: expected a share from 0 to 1$"),
+        (2, 2, 0.5, r"^the demonstration has 2 frames; expected more than demonstration\.gap=2$"),
+        (1, 1, 0.5, r"^the demonstration has 1 frames; expected more than demonstration\.gap=1$"),
+    ],
+)
+def test_spans_that_cannot_be(frames: int, gap: int, horizon: float, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        time_spans(frames, gap, horizon)
+
+
+def places(demonstration: Demonstration) -> list[tuple[int, int]]:
+    """First frame and span of each transition, in the order documented: by span, then by time."""
+    return [(t, span) for span in demonstration.spans for t in range(20 - span)]
+
+
+def test_every_pair_of_frames_a_span_apart_is_a_transition(demonstration: Demonstration) -> None:
+    assert demonstration.spans == (2, 4, 8)
+    assert len(demonstration) == 18 + 16 + 12
+    assert len(places(demonstration)) == len(demonstration)
+
+
+def test_a_transition_has_both_frames_of_every_member(
+    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+) -> None:
+    pipelines = build(description).pipelines
+    points = [pipelines["sift"].extract(frame).geometry for frame in demonstration_frames]
+    lines = [pipelines["lbd"].extract(frame).geometry for frame in demonstration_frames]
+    for index, (t, span) in enumerate(places(demonstration)):
+        transition = demonstration[index]
+        assert list(transition) == ["p2p_sift", "p2l_sift_lbd"]
+        for which, frame in (("first", t), ("second", t + span)):
+            alone, mixed = (transition[name][which] for name in transition)
+            assert np.array_equal(alone.point_geometry.numpy(), points[frame])
+            assert np.array_equal(mixed.point_geometry.numpy(), points[frame])
+            assert np.array_equal(mixed.line_geometry.numpy(), lines[frame])
+            for graph in (alone, mixed):
+                assert graph.span_index.tolist() == [demonstration.spans.index(span)]
+
+
+def test_the_first_frame_moves_to_the_second_and_the_second_to_the_first(
+    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...]
+) -> None:
+    for index, (t, span) in enumerate(places(demonstration)):
+        if span != 2:  # longer ones go over the frames between, which test_tracks.py tells
+            continue
+        transition = demonstration[index]["p2l_sift_lbd"]
+        for which, start, end in (("first", t, t + 2), ("second", t + 2, t)):
+            graph = transition[which]
+            for kind in NodeType:
+                geometry, followed = follow_features(
+                    kind, graph[f"{kind}_geometry"].numpy(), demonstration_frames[start], demonstration_frames[end]
+                )
+                assert np.array_equal(graph[f"{kind}_moved"].numpy(), geometry)
+                assert np.array_equal(graph[f"{kind}_followed"].numpy(), followed)
+
+
+def test_the_moving_tile_moves_and_the_others_rest(demonstration: Demonstration) -> None:
+    checked = 0
+    for index, (t, span) in enumerate(places(demonstration)):
+        for which, frame, sign in (("first", t, 1), ("second", t + span, -1)):
+            graph = demonstration[index]["p2p_sift"][which]
+            kept = graph.point_geometry[graph.point_followed]
+            motion = graph.point_moved[graph.point_followed] - kept
+            x, y = kept.T - torch.tensor([[2.5 * frame], [0.0]])
+            inner = (x > 33) & (x < 55) & (y > 51) & (y < 73)  # of the moving tile, away from its border
+            expected = torch.tensor([sign * 2.5 * span, 0.0]).expand_as(motion[inner])
+            torch.testing.assert_close(motion[inner], expected, rtol=0, atol=0.75)
+            below = kept[:, 1] > 93
+            assert (motion[below].abs() < 0.25).all()
+            checked += int(inner.sum()) + int(below.sum())
+    assert checked > 200
+
+
+def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
+    told = []
+
+    def progress(items: Any, text: str) -> Any:
+        told.append((text, len(items)))
+        return items
+
+    parts = build(description)
+    Demonstration(demonstration_frames[:4], parts.pipelines, parts.members, gap=2, horizon=0.0, progress=progress)
+    assert told == [("extracting features", 4), *[("following features", 4)] * 2]
+
+
+def test_frames_without_any_association_are_refused(training_of: Callable[..., Training]) -> None:
+    flat = [np.full((60, 80, 3), value, np.uint8) for value in (90, 100, 110, 120)]
+    for name, types in (("p2p_sift", "point"), ("p2l_sift_lbd", "point and line")):
+        description = training_of(name).description
+        parts = build(description)
+        with pytest.raises(
+            InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
+        ):
+            Demonstration(flat, parts.pipelines, parts.members, gap=2, horizon=0.0, progress=lambda items, text: items)
+
+
+def test_a_gap_longer_than_the_demonstration_is_refused(
+    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+) -> None:
+    parts = build(description)
+    with pytest.raises(InputError, match=r"has 5 frames; expected more than demonstration\.gap=5"):
+        Demonstration(
+            demonstration_frames[:5],
+            parts.pipelines,
+            parts.members,
+            gap=5,
+            horizon=0.0,
+            progress=lambda items, text: items,
+        )

@@ -1,0 +1,215 @@
+"""Learning: each member by itself, repeatable, with every objective and precision."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from geoskill.skill.skill import Skill, read_checkpoint
+from geoskill.training.callbacks import MetricsTable
+
+# A `Training` is what the fixtures of conftest.py make; see there.
+Training = Any
+
+P2P, P2L = "p2p_sift", "p2l_sift_lbd"
+BILINEAR = {"_target_": "geoskill.model.bilinear.Bilinear", "_partial_": True, "hidden_dim": 8}
+
+
+def flat(module: nn.Module) -> Tensor:
+    return nn.utils.parameters_to_vector(module.parameters()).detach().clone()
+
+
+def column(table: MetricsTable, name: str) -> np.ndarray:
+    return np.array([row[name] for row in table.rows])
+
+
+def test_it_learns_to_join_what_moves_together_to_its_target(
+    training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    training = training_of(P2P)
+    module = training.module(optimizer=partial(torch.optim.Adam, lr=1e-2))
+    table = training.run(module, tmp_path, epochs=12)
+    objective, reward, rsw = (column(table, f"{P2P}/{name}") for name in ("objective", "reward", "rsw"))
+    assert objective[-6:].mean() > objective[:3].mean() + 0.25
+    assert reward[-6:].mean() > 0.6 > reward[:3].mean()
+    assert rsw[-6:].mean() < 0.3 < rsw[:3].mean()
+
+    skill = Skill.load(tmp_path / "skill.ckpt")
+    right = 0
+    for number, frame in enumerate(demonstration_frames):
+        (xa, ya), (xb, yb) = sorted(node.coordinates for node in skill.infer(frame).associations[0].nodes)
+        moving = 26 < xa - 2.5 * number < 62 and 44 < ya < 80
+        right += moving and xb > 106 and 44 < yb < 80
+    assert right >= 17  # of 20; about a third of all instances join the two tiles
+
+
+def test_an_ensemble_learns_what_its_members_learn_alone(
+    training: Training, training_of: Callable[..., Training], tmp_path: Path
+) -> None:
+    together = training.module()
+    before = {name: flat(member) for name, member in together.members.items()}
+    both = training.run(together, tmp_path / "both", epochs=2)
+    for name in (P2P, P2L):
+        alone = training_of(name)
+        module = alone.module()
+        table = alone.run(module, tmp_path / name, epochs=2)
+        assert torch.equal(flat(module.members[name]), flat(together.members[name]))
+        assert not torch.allclose(flat(module.members[name]), before[name], atol=1e-3)
+        for quantity in ("objective", "reward", "rsw", "error"):
+            assert np.array_equal(column(table, f"{name}/{quantity}"), column(both, f"{name}/{quantity}"))
+
+
+def test_the_noise_of_members_steps_and_processes_differs(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = training.module()
+    place = {"step": 0, "rank": 0}
+    monkeypatch.setattr(type(module), "global_step", property(lambda self: place["step"]))
+    monkeypatch.setattr(type(module), "global_rank", property(lambda self: place["rank"]))
+    drawn = []
+    for module.seed, place["step"], place["rank"], name in product((5, 6), range(3), range(2), (P2P, P2L)):
+        drawn.append(torch.randn(4, generator=module._generator(name)))
+        assert torch.equal(drawn[-1], torch.randn(4, generator=module._generator(name)))
+    assert len({tuple(numbers.tolist()) for numbers in drawn}) == 2 * 3 * 2 * 2
+
+
+def test_noise_changes_what_is_learned_but_not_from_run_to_run(training: Training, tmp_path: Path) -> None:
+    learned = []
+    for number, noise in enumerate((0.3, 0.3, 0.0)):
+        module = training.module(descriptor_noise=noise)
+        training.run(module, tmp_path / str(number), epochs=1)
+        learned.append(flat(module))
+    assert torch.equal(learned[0], learned[1])
+    assert not torch.allclose(learned[0], learned[2], atol=1e-4)
+
+
+def test_gradients_are_clipped_member_by_member(training: Training) -> None:
+    module = training.module()
+    for name, size in ((P2P, 10.0), (P2L, 0.01)):
+        parameters = list(module.members[name].parameters())
+        for parameter in parameters:
+            parameter.grad = torch.full_like(parameter, size)
+    before = {name: gradient_norm(module.members[name]) for name in (P2P, P2L)}
+    assert before[P2P] > 100
+    assert before[P2L] < 0.9
+    module.configure_gradient_clipping(module.configure_optimizers(), 1.0)
+    assert gradient_norm(module.members[P2P]) == pytest.approx(1.0, rel=1e-4)
+    assert gradient_norm(module.members[P2L]) == pytest.approx(before[P2L])
+    module.configure_gradient_clipping(module.configure_optimizers(), None)
+    assert gradient_norm(module.members[P2P]) == pytest.approx(1.0, rel=1e-4)
+
+
+def gradient_norm(module: nn.Module) -> float:
+    return float(torch.cat([p.grad.flatten() for p in module.parameters() if p.grad is not None]).norm())
+
+
+def test_the_trainer_clips_too(training: Training, tmp_path: Path) -> None:
+    descent = partial(torch.optim.SGD, lr=1.0)
+    module = training.module(optimizer=descent)
+    before = {name: flat(member) for name, member in module.members.items()}
+    training.run(module, tmp_path, epochs=1, limit_train_batches=1, gradient_clip_val=1e-3)
+    for name, member in module.members.items():
+        assert float((flat(member) - before[name]).norm()) == pytest.approx(1e-3, rel=1e-2)
+
+
+def test_the_reward_scale_is_part_of_the_checkpoint(training: Training, tmp_path: Path) -> None:
+    module = training.module()
+    training.run(module, tmp_path, epochs=1)
+    skill = Skill.load(tmp_path / "skill.ckpt")
+    for name, member in module.members.items():
+        assert skill.members[name].spans.tolist() == [2, 4, 8]
+        assert torch.equal(skill.members[name].beta, member.beta)
+        assert (member.beta > 0).all()
+
+
+def test_a_checkpoint_holds_plain_types_only(training: Training, tmp_path: Path) -> None:
+    training.run(training.module(), tmp_path, epochs=1)
+    checkpoint = torch.load(tmp_path / "skill.ckpt", weights_only=True)
+    strange = set(types_within(checkpoint)) - {dict, list, tuple, str, int, float, bool, type(None), Tensor}
+    # `state_dict()` of PyTorch gives an OrderedDict.
+    assert {kind.__name__ for kind in strange} <= {"OrderedDict"}
+    assert read_checkpoint(tmp_path / "skill.ckpt")["skill"] == training.description
+    assert "hyper_parameters" not in checkpoint
+
+
+def types_within(value: Any) -> list[type]:
+    if isinstance(value, dict):
+        return [type(value), *(kind for pair in value.items() for part in pair for kind in types_within(part))]
+    if isinstance(value, list | tuple):
+        return [type(value), *(kind for part in value for kind in types_within(part))]
+    return [type(value)]
+
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "as usual": {},
+    "Monte Carlo": {"partition": "monte_carlo", "first_samples": 50, "second_samples": 50},
+    "the paper's reward": {"reward": "frame", "change": "absolute", "error_reduction": "vector"},
+    "absolute change": {"change": "absolute"},
+}
+
+
+@pytest.mark.parametrize(
+    ("variant", "model", "precision"),
+    [
+        ("as usual", "message passing", "bf16-mixed"),
+        ("as usual", "bilinear", "32-true"),
+        ("Monte Carlo", "message passing", "32-true"),
+        ("the paper's reward", "message passing", "32-true"),
+        ("the paper's reward", "bilinear", "bf16-mixed"),
+        ("absolute change", "message passing", "32-true"),
+    ],
+)
+def test_every_variant_trains(training: Training, tmp_path: Path, variant: str, model: str, precision: str) -> None:
+    members = training.members(BILINEAR) if model == "bilinear" else training.members()
+    module = training.module(members, **VARIANTS[variant])
+    before = {name: flat(member) for name, member in module.members.items()}
+    table = training.run(module, tmp_path, epochs=1, precision=precision)
+    assert len(table.rows) == 3
+    assert all(np.isfinite(list(row.values())).all() for row in table.rows)
+    for name, member in module.members.items():
+        assert torch.isfinite(flat(member)).all()
+        assert (flat(member) - before[name]).abs().max() > 1e-3
+        assert {parameter.dtype for parameter in member.parameters()} == {torch.float32}
+
+
+def test_bfloat16_is_close_to_float32(training: Training, tmp_path: Path) -> None:
+    full, mixed = (
+        training.run(training.module(), tmp_path / precision, epochs=1, precision=precision)
+        for precision in ("32-true", "bf16-mixed")
+    )
+    for name in (P2P, P2L):
+        exact, rounded = (column(table, f"{name}/objective") for table in (full, mixed))
+        assert not np.array_equal(exact, rounded)
+        np.testing.assert_allclose(rounded, exact, rtol=0, atol=5e-3)
+
+
+def test_monte_carlo_samples_are_repeatable(training: Training, tmp_path: Path) -> None:
+    learned = []
+    for number in range(2):
+        torch.manual_seed(number)
+        module = training.module(**VARIANTS["Monte Carlo"])
+        training.run(module, tmp_path / str(number), epochs=1)
+        learned.append(flat(module))
+    assert torch.equal(*learned)
+
+
+def test_frames_without_any_feature_do_no_harm(
+    training: Training, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    frames = list(demonstration_frames[:10])
+    for number in (0, 3, 9):
+        frames[number] = np.full_like(frames[number], 128)
+    gappy = type(training)(frames, training.description)
+    module = gappy.module()
+    table = gappy.run(module, tmp_path, epochs=2, limit_train_batches=1.0)
+    assert all(np.isfinite(list(row.values())).all() for row in table.rows)
+    assert torch.isfinite(flat(module)).all()
+
+
+def test_a_long_demonstration_does_not_make_an_epoch_longer(training: Training, tmp_path: Path) -> None:
+    table = training.run(training.module(), tmp_path, epochs=2, limit_train_batches=2)
+    assert [(row["step"], row["epoch"]) for row in table.rows] == [(1, 0), (2, 0), (3, 1), (4, 1)]
