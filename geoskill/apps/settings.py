@@ -12,11 +12,11 @@ from omegaconf import DictConfig, OmegaConf
 from geoskill.errors import InputError
 
 # Values of several kinds, which Lightning checks itself.
-FREE = ("trainer.devices", "trainer.limit_train_batches", "trainer.precision")
+FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
-OPTIONAL = ("early_stopping.patience", "trainer.gradient_clip_val", "cache.folder")
-# What stands for a default that is null; paths may be numbers too.
-EXAMPLES: dict[str, Any] = {"threads": 2, "frame_rate": 30.0, "task.frame_rate": 30.0}
+OPTIONAL = ("early_stopping.patience", "trainer.gradient_clip_val", "trainer.limit_train_batches")
+# What is expected where the default does not tell: it is null, or one of two kinds of numbers.
+EXAMPLES = {"threads": 2, "frame_rate": 30.0, "task.frame_rate": 30.0, "trainer.limit_train_batches": 25.0}
 
 
 def check_kinds(cfg: DictConfig) -> None:
@@ -33,7 +33,7 @@ def check_kinds(cfg: DictConfig) -> None:
     for key, default in _leaves(OmegaConf.to_container(defaults)):
         if key in given and key not in FREE:
             check_kind(key, given[key], default)
-            if isinstance(default, float) and isinstance(given[key], int):
+            if isinstance(given[key], int) and isinstance(EXAMPLES.get(key) if default is None else default, float):
                 OmegaConf.update(cfg, key, float(given[key]))
 
 
@@ -49,7 +49,7 @@ def check_kind(key: str, value: Any, default: Any) -> None:
     geoskill.errors.InputError: seed=one: expected a whole number such as 0
     """
     optional = key in OPTIONAL or default is None
-    example = EXAMPLES.get(key) if default is None else default
+    example = EXAMPLES.get(key, default)
     if (value is None and optional) or example is None:
         return
     number = isinstance(value, int | float) and not isinstance(value, bool)

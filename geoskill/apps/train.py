@@ -88,6 +88,7 @@ def train(cfg: DictConfig) -> None:
         objective,
         instantiate(cfg.optimizer),
         descriptor_noise=cfg.demonstration.descriptor_noise,
+        feature_dropout=cfg.demonstration.feature_dropout,
         seed=cfg.seed,
         description=description,
     )
@@ -142,6 +143,10 @@ def _check_ranges(cfg: DictConfig) -> None:
         value = OmegaConf.select(cfg, key)
         if value is not None and value < lowest:
             raise InputError(f"{key}={value}: expected {expected}")
+    if not 0 <= cfg.demonstration.feature_dropout < 1:
+        raise InputError(
+            f"demonstration.feature_dropout={cfg.demonstration.feature_dropout}: expected 0 or more, below 1"
+        )
     for key in ("max_epochs", "limit_train_batches"):
         if cfg.trainer.get(key) == 0:
             raise InputError(f"trainer.{key}=0: expected at least 1")

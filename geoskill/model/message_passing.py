@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.model.encoder import DescriptorEncoder
+from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
 
 
@@ -52,19 +53,20 @@ class MessageLayer(nn.Module):
 
 @final
 class MessagePassing(InstanceScorer):
-    """``T`` steps of message passing, then a perceptron on the final states.
+    """``T`` steps of message passing, then a read-out of the final states.
 
     Args:
         motif: what an instance looks like.
         hidden_dim: ``h``.
         layers: ``T``.
+        read_out: ``perceptron`` on the final states, as in the paper, or ``product`` of two of them.
         shared_weights: one set of weights for all steps, as in Gilmer et al., or one for each.
 
     Raises:
         InputError: when ``hidden_dim`` or ``layers`` is below 1.
     """
 
-    def __init__(self, motif: Motif, *, hidden_dim: int, layers: int, shared_weights: bool) -> None:
+    def __init__(self, motif: Motif, *, hidden_dim: int, layers: int, shared_weights: bool, read_out: str) -> None:
         super().__init__()
         for name, value in (("hidden_dim", hidden_dim), ("layers", layers)):
             if value < 1:
@@ -73,21 +75,13 @@ class MessagePassing(InstanceScorer):
         self.steps = layers
         self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
-        self.readout = nn.Sequential(
-            nn.Linear(len(motif.roles) * hidden_dim, hidden_dim), nn.ReLU(), nn.Linear(hidden_dim, 1)
-        )
+        self.read_out = build_read_out(read_out, motif, hidden_dim)
 
     def layer(self, step: int) -> MessageLayer:
         """The layer of this step."""
         layer = self.layers[step % len(self.layers)]
         assert isinstance(layer, MessageLayer)
         return layer
-
-    def read_out(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
-        """The relevance ``b``: the perceptron's mean over all orders of the nodes that the motif cannot tell apart."""
-        orders = self.motif.automorphisms
-        outputs = [self.readout(torch.cat([states[i] for i in order], dim=1)) for order in orders]
-        return torch.stack(outputs).mean(dim=0).squeeze(1)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
@@ -97,4 +91,5 @@ class MessagePassing(InstanceScorer):
         states = [hidden[role][row] for role, row in zip(self.motif.roles, instance_index, strict=True)]
         for step in range(self.steps):
             states = self.layer(step)(states, self.motif.edges)
-        return self.read_out(states)
+        scores: Tensor = self.read_out(states)
+        return scores

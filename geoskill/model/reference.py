@@ -65,8 +65,6 @@ def reference_scores(
     for step in range(scorer.steps):
         states = ReferenceLayer(scorer.layer(step))(states, batch.edge_index)
 
-    scores = []
-    for instance_states in states.reshape(len(graphs), len(motif.roles), -1):
-        outputs = [scorer.readout(instance_states[list(order)].flatten()) for order in motif.automorphisms]
-        scores.append(torch.stack(outputs).mean())
-    return torch.stack(scores)
+    # An instance at a time, and so the read-out is a part of what the dense path is compared with.
+    of_instances = states.reshape(len(graphs), len(motif.roles), -1)
+    return torch.cat([scorer.read_out([state[None] for state in instance]) for instance in of_instances])

@@ -10,20 +10,22 @@
     alternatives: 10
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from itertools import product
 from typing import Any, final
 
-from hydra.utils import instantiate
-
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
+from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
-from geoskill.model.scorer import Motif
+from geoskill.model.scorer import InstanceScorer, Motif
 
 FORMAT = 1
 
@@ -54,11 +56,11 @@ def describe(
     """
     if alternatives < 1:
         raise InputError(f"inference.alternatives={alternatives}: expected at least 1")
-    kinds = {name: _build(settings).node_type for name, settings in descriptors.items()}
+    kinds = {name: _extractor(settings).node_type for name, settings in descriptors.items()}
     members: dict[str, Any] = {}
     for kernel_name, settings in kernels.items():
         choices = []
-        for node_type in node_types(_build(settings)):
+        for node_type in node_types(_kernel(settings)):
             fitting = [name for name, kind in kinds.items() if kind is node_type]
             if not fitting:
                 described = ", ".join(f"{name} describes a {kind}" for name, kind in kinds.items())
@@ -91,21 +93,48 @@ def build(description: Mapping[str, Any], cache: FeatureCache | None = None) -> 
     if description.get("format") != FORMAT:
         raise InputError(f"the skill's format is {description.get('format')!r}; expected {FORMAT}")
     pipelines = {
-        name: FeaturePipeline(_build(settings), cache=cache, **description["features"])
+        name: FeaturePipeline(_extractor(settings), cache=cache, **description["features"])
         for name, settings in description["extractors"].items()
     }
     members = {}
     for name, settings in description["members"].items():
-        kernel: Kernel = _build(settings["kernel"])
+        kernel = _kernel(settings["kernel"])
         extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
         dims = {kind: pipelines[extractor].extractor.descriptor_dim for kind, extractor in extractors.items()}
-        members[name] = KernelModel(kernel, extractors, _build(description["model"])(Motif.of(kernel, dims)))
+        scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))
+        members[name] = KernelModel(kernel, extractors, scorer)
     return SkillParts(members, pipelines, int(description["alternatives"]))
 
 
-def _build(settings: Mapping[str, Any]) -> Any:
-    """Instantiate a part; a checkpoint from elsewhere must not be able to call anything else."""
-    target = settings["_target_"]
-    if not str(target).startswith("geoskill."):
-        raise InputError(f"the skill's part {target!r} is not of this package; expected geoskill.…")
-    return instantiate(dict(settings))
+def _extractor(settings: Mapping[str, Any]) -> FeatureExtractor:
+    extractor: FeatureExtractor = _complete(settings, FeatureExtractor)
+    return extractor
+
+
+def _kernel(settings: Mapping[str, Any]) -> Kernel:
+    kernel: Kernel = _complete(settings, Kernel)
+    return kernel
+
+
+def _complete(settings: Mapping[str, Any], kind: type) -> Any:
+    try:
+        return _part(settings, kind)()
+    except TypeError as error:
+        raise InputError(f"{settings['_target_']}: {error}") from error
+
+
+def _part(settings: Mapping[str, Any], kind: type) -> Callable[..., Any]:
+    """The class that a part names, with the part's arguments.
+
+    Not Hydra's ``instantiate``, which finds whatever a module of this package has imported, also ``os.system``, and
+    builds what the arguments name too: a checkpoint from elsewhere must not be able to call what it likes.
+    """
+    target = str(settings.get("_target_"))
+    module, _, name = target.rpartition(".")
+    found = None
+    if module.startswith("geoskill."):
+        with suppress(ImportError):
+            found = getattr(import_module(module), name, None)
+    if not (isinstance(found, type) and issubclass(found, kind) and found.__module__ == module):
+        raise InputError(f"the skill's part {target!r} is no {kind.__name__} of this package; expected geoskill.…")
+    return partial(found, **{key: value for key, value in settings.items() if key not in ("_target_", "_partial_")})

@@ -44,7 +44,8 @@ class Skill:
             cache: where extracted features are kept, or None.
 
         Raises:
-            InputError: when the file is missing, is no checkpoint of a skill, or its weights do not fit.
+            InputError: when the file is missing, is no checkpoint of a skill, or its weights do not fit; when there is no
+                such device.
         """
         checkpoint = read_checkpoint(path)
         try:
@@ -57,12 +58,16 @@ class Skill:
                     if key.startswith(prefix)
                 }
                 member.load_state_dict(weights)
-                member.to(device)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except Exception as error:
             message = " ".join(str(error).split())
             raise InputError(f"{path}: its weights do not fit its description ({message[:200]})") from error
+        try:
+            for member in parts.members.values():
+                member.to(device)
+        except (RuntimeError, AssertionError) as error:  # PyTorch asserts that it was built for the device
+            raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
         return cls(parts)
 
     @torch.no_grad()
@@ -70,9 +75,9 @@ class Skill:
         """The associations that define the task in one RGB frame, whatever frames came before.
 
         Raises:
-            InputError: when the frame is not ``[H, W, 3]`` of uint8.
+            InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
-        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
             raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
         features = {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
         associations: list[Association] = []

@@ -15,7 +15,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
 from geoskill.training.changes import error_changes
-from geoskill.training.noise import noisy
+from geoskill.training.noise import noisy, with_hidden_features
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
 
@@ -36,6 +36,7 @@ class SkillTraining(LightningModule):
         optimizer: makes an optimiser from parameters.
         descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
             over the descriptor's norm.
+        feature_dropout: probability with which a feature is hidden in a step (:func:`with_hidden_features`).
         seed: of the noise and of Monte-Carlo samples.
         description: plain values from which :class:`geoskill.Skill` builds the members again; stored in checkpoints.
     """
@@ -47,6 +48,7 @@ class SkillTraining(LightningModule):
         optimizer: Callable[[Iterable[nn.Parameter]], Optimizer],
         *,
         descriptor_noise: float,
+        feature_dropout: float = 0.0,
         seed: int,
         description: Mapping[str, Any],
     ) -> None:
@@ -55,6 +57,7 @@ class SkillTraining(LightningModule):
         self.objective = objective
         self.optimizer = optimizer
         self.descriptor_noise = descriptor_noise
+        self.feature_dropout = feature_dropout
         self.seed = seed
         self.description = dict(description)
 
@@ -101,6 +104,8 @@ class SkillTraining(LightningModule):
         descriptors = member.attribute(graph, "descriptor")
         if self.descriptor_noise > 0:
             descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
+        if self.feature_dropout > 0:
+            graph = with_hidden_features(graph, self.feature_dropout, generator)
         selected = select_out(member(graph, descriptors), graph.instance_frame, graph.num_graphs)
         errors = member.control_errors(graph)
         change = error_changes(member, graph, self.objective.change)

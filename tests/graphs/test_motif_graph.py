@@ -171,7 +171,7 @@ def _model(kernel: Kernel, scorer: str) -> KernelModel:
     torch.manual_seed(0)
     motif = Motif.of(kernel, {kind: DIMS[kind] for kind in node_types(kernel)})
     network: InstanceScorer = (
-        MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True)
+        MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True, read_out="perceptron")
         if scorer == "message passing"
         else Bilinear(motif, hidden_dim=16)
     )

@@ -32,7 +32,7 @@ def model_of(kernel: Kernel, scorer: str = "message passing") -> KernelModel:
     network = (
         Bilinear(motif, hidden_dim=16)
         if scorer == "bilinear"
-        else MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True)
+        else MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True, read_out="perceptron")
     )
     return KernelModel(kernel, {kind: EXTRACTORS[kind] for kind in types}, network)
 

@@ -12,6 +12,7 @@ from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.message_passing import MessagePassing
+from geoskill.model.read_out import PerceptronReadOut
 from geoskill.model.reference import reference_scores
 from geoskill.model.scorer import Motif
 
@@ -45,11 +46,11 @@ MOTIFS = {
 
 
 def random_case(
-    motif: Motif, dtype: torch.dtype, layers: int, shared: bool
+    motif: Motif, dtype: torch.dtype, layers: int, shared: bool, read_out: str = "perceptron"
 ) -> tuple[MessagePassing, dict[NodeType, Tensor], Tensor]:
     """A scorer, descriptors that want gradients, and seven instances that share features."""
     torch.manual_seed(0)
-    scorer = MessagePassing(motif, hidden_dim=8, layers=layers, shared_weights=shared).to(dtype)
+    scorer = MessagePassing(motif, hidden_dim=8, layers=layers, shared_weights=shared, read_out=read_out).to(dtype)
     descriptors = {
         kind: torch.nn.functional.normalize(torch.randn(5, dim, dtype=dtype)).requires_grad_()
         for kind, dim in motif.descriptor_dims.items()
@@ -59,9 +60,11 @@ def random_case(
 
 @pytest.mark.parametrize("name", MOTIFS)
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("layers", [1, 3, 5])
-def test_values_and_gradients_equal_the_reference_in_float64(name: str, layers: int, shared: bool) -> None:
-    scorer, descriptors, index = random_case(MOTIFS[name], torch.float64, layers, shared)
+@pytest.mark.parametrize(("layers", "read_out"), [(1, "perceptron"), (3, "product"), (5, "perceptron")])
+def test_values_and_gradients_equal_the_reference_in_float64(
+    name: str, layers: int, read_out: str, shared: bool
+) -> None:
+    scorer, descriptors, index = random_case(MOTIFS[name], torch.float64, layers, shared, read_out)
     wanted = [*scorer.parameters(), *descriptors.values()]
     weights = torch.randn(7, dtype=torch.float64)
     dense, reference = scorer(descriptors, index), reference_scores(scorer, descriptors, index)
@@ -106,10 +109,12 @@ def test_one_message_and_one_update_written_out() -> None:
         candidate = torch.tanh(given[2 * h :] + reset * kept[2 * h :])
         return (1 - update) * candidate + update * own
 
+    read_out = scorer.read_out
+    assert isinstance(read_out, PerceptronReadOut)
     expected = []
     for instance in index.T:
         point, line = encoded(POINT, instance[0]), encoded(LINE, instance[1])
-        expected.append(scorer.readout(torch.cat([next_state(point, line), next_state(line, point)])))
+        expected.append(read_out.network(torch.cat([next_state(point, line), next_state(line, point)])))
     torch.testing.assert_close(scorer(descriptors, index), torch.cat(expected), rtol=0, atol=1e-12)
 
 

@@ -22,9 +22,11 @@ DIMS = {POINT: 6, LINE: 9}
 FEATURES = 8
 
 SCORERS: dict[str, Callable[[Motif], InstanceScorer]] = {
-    "message passing": lambda motif: MessagePassing(motif, hidden_dim=8, layers=3, shared_weights=True),
+    "message passing": lambda motif: MessagePassing(
+        motif, hidden_dim=8, layers=3, shared_weights=True, read_out="perceptron"
+    ),
     "message passing, separate weights": lambda motif: MessagePassing(
-        motif, hidden_dim=8, layers=2, shared_weights=False
+        motif, hidden_dim=8, layers=2, shared_weights=False, read_out="product"
     ),
     "bilinear": lambda motif: Bilinear(motif, hidden_dim=8),
 }

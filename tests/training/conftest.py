@@ -97,9 +97,10 @@ class Training:
         epochs: int,
         resume: Path | None = None,
         callbacks: Sequence[Callback] = (),
+        batch_size: int = 4,
         **trainer: Any,
     ) -> MetricsTable:
-        """Train, 3 batches of 8 transitions an epoch; leaves metrics.csv and skill.ckpt in the folder."""
+        """Train, 3 batches an epoch; leaves metrics.csv and skill.ckpt in the folder."""
         folder.mkdir(exist_ok=True)
         table = MetricsTable(folder / "metrics.csv")
         settings = {
@@ -121,7 +122,7 @@ class Training:
                 default_root_dir=str(folder),
             ).fit(
                 module,
-                datamodule=TransitionData(self.demonstration, batch_size=8, seed=5),
+                datamodule=TransitionData(self.demonstration, batch_size=batch_size, seed=5),
                 ckpt_path=resume,
                 weights_only=True,
             )

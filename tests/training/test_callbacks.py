@@ -5,8 +5,8 @@ import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, final
+from unittest.mock import Mock
 
 import pytest
 import torch
@@ -72,7 +72,7 @@ def test_two_halves_make_the_whole(training: Training, whole: Whole, tmp_path: P
     assert (tmp_path / "second" / "metrics.csv").read_text() == (whole.folder / "metrics.csv").read_text()
 
 
-@pytest.mark.parametrize("step", [7, 8, 9])
+@pytest.mark.parametrize("step", [7, 9])
 def test_interrupted_in_the_third_epoch(
     training: Training, whole: Whole, tmp_path: Path, interrupts: None, step: int
 ) -> None:
@@ -94,7 +94,7 @@ def test_interrupted_in_the_first_epoch(training: Training, whole: Whole, tmp_pa
     torch.manual_seed(9)
     members = training.members()
     for member in members.values():
-        nn.init.zeros_(member.scorer.readout[-1].weight)  # whatever they start from, the checkpoint rules
+        nn.init.zeros_(member.scorer.encoder.layers["point"].weight)  # whatever they start from, the checkpoint rules
     module = training.module(members)
     table = training.run(module, tmp_path / "second", epochs=4, resume=tmp_path / "first" / "skill.ckpt")
     assert table.rows == whole.table.rows
@@ -165,13 +165,14 @@ def test_the_rows_travel_with_the_state(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rank", [0, 1])
 def test_only_the_first_process_writes_the_table(tmp_path: Path, rank: int) -> None:
     table = MetricsTable(tmp_path / "metrics.csv")
-    trainer: Any = SimpleNamespace(
+    trainer = Mock(
+        spec=Trainer,
         is_global_zero=rank == 0,
         global_step=1,
         current_epoch=0,
         logged_metrics={"p2p_sift/reward": torch.tensor(0.25), "objective_step": torch.tensor(0.5)},
     )
-    module: Any = None
+    module = Mock(spec=LightningModule)
     table.on_train_epoch_end(trainer, module)
     assert not table.path.exists()  # there is nothing to write yet
     table.on_train_batch_end(trainer, module, None, None, 0)
@@ -190,9 +191,8 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) 
         target.write_bytes(b"half of the ne")
         raise OSError(28, "No space left on device")
 
-    trainer: Any = SimpleNamespace(is_global_zero=True, save_checkpoint=save_checkpoint)
-    module: LightningModule = None  # type: ignore[assignment]
+    trainer = Mock(spec=Trainer, is_global_zero=True, save_checkpoint=save_checkpoint)
     with pytest.raises(OSError, match="No space left"):
-        ResumableCheckpoint(path).on_train_epoch_end(trainer, module)
+        ResumableCheckpoint(path).on_train_epoch_end(trainer, Mock(spec=LightningModule))
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]

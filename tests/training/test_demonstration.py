@@ -124,7 +124,7 @@ def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], descript
 
     parts = build(description)
     Demonstration(demonstration_frames[:4], parts.pipelines, parts.members, gap=2, horizon=0.0, progress=progress)
-    assert told == [("extracting features", 4), *[("following features", 4)] * 2]
+    assert told == [("extracting features", 4), ("following motion", 2)]
 
 
 def test_frames_without_any_association_are_refused(training_of: Callable[..., Training]) -> None:

@@ -34,7 +34,7 @@ def test_it_learns_to_join_what_moves_together_to_its_target(
 ) -> None:
     training = training_of(P2P)
     module = training.module(optimizer=partial(torch.optim.Adam, lr=1e-2))
-    table = training.run(module, tmp_path, epochs=12)
+    table = training.run(module, tmp_path, epochs=12, batch_size=8)
     objective, reward, rsw = (column(table, f"{P2P}/{name}") for name in ("objective", "reward", "rsw"))
     assert objective[-6:].mean() > objective[:3].mean() + 0.25
     assert reward[-6:].mean() > 0.6 > reward[:3].mean()

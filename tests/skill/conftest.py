@@ -1,0 +1,48 @@
+"""A skill with weights that nothing has taught."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from geoskill.skill.description import build, describe
+
+
+@pytest.fixture(scope="session")
+def description() -> dict[str, Any]:
+    """A skill of two members, p2p_sift and p2l_sift_lbd, with four alternatives each."""
+    return describe(
+        {
+            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
+            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
+        },
+        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
+        {
+            "_target_": "geoskill.model.message_passing.MessagePassing",
+            "_partial_": True,
+            "hidden_dim": 8,
+            "layers": 2,
+            "shared_weights": True,
+        },
+        {"max_features": 12, "min_side": 0},
+        alternatives=4,
+    )
+
+
+@pytest.fixture(scope="session")
+def checkpoint(description: dict[str, Any]) -> dict[str, Any]:
+    """What a training run stores, as far as a skill needs it."""
+    torch.manual_seed(3)
+    members = build(description).members
+    for member in members.values():
+        member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
+    weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
+    return {"skill": description, "state_dict": weights, "epoch": 3}
+
+
+@pytest.fixture
+def skill_file(tmp_path: Path, checkpoint: dict[str, Any]) -> Path:
+    path = tmp_path / "skill.ckpt"
+    torch.save(checkpoint, path)
+    return path

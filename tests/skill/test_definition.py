@@ -1,0 +1,205 @@
+"""The readable definition of a task, summed up by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel
+from geoskill.kernels.p2l import PointToLine
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.model.bilinear import Bilinear
+from geoskill.model.kernel_model import KernelModel
+from geoskill.model.scorer import Motif
+from geoskill.skill.association import Association, InferenceResult, Node
+from geoskill.skill.definition import LISTED, SAME_FEATURE, TaskDefinition
+
+POINT, LINE = NodeType.POINT, NodeType.LINE
+EXTRACTORS = {POINT: "sift", LINE: "lbd"}
+# Unit descriptors; the first two are views of one feature, all others are strangers.
+CUP, CUP_AGAIN, SHELF, HAND = (
+    np.array(numbers, np.float32) for numbers in ([1, 0, 0, 0], [0.8, 0.6, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1])
+)
+
+
+def member_of(kernel: Kernel) -> KernelModel:
+    extractors = {kind: EXTRACTORS[kind] for kind in dict.fromkeys(kernel.roles)}
+    return KernelModel(kernel, extractors, Bilinear(Motif.of(kernel, dict.fromkeys(extractors, 4)), hidden_dim=2))
+
+
+def features_of(node_type: NodeType, descriptors: list[np.ndarray]) -> FeatureSet:
+    count = len(descriptors)
+    return FeatureSet(
+        node_type,
+        np.array(descriptors, np.float32).reshape(count, 4),
+        np.arange(count * node_type.geometry_dim, dtype=np.float32).reshape(count, -1),
+        np.zeros(count, np.float32),
+    )
+
+
+def frame_with(first: np.ndarray, second: np.ndarray, confidence: float, error: tuple[float, float]) -> InferenceResult:
+    """The top association joins rows 1 and 2; a second one of rank 2 joins others."""
+    found = features_of(POINT, [HAND, first, second])
+
+    def node(row: int) -> Node:
+        return Node(POINT, tuple(found.geometry[row].tolist()), row)
+
+    return InferenceResult(
+        (
+            Association("p2p", "sift", 1, confidence, (node(1), node(2)), error),
+            Association("p2p", "sift", 2, confidence / 2, (node(0), node(2)), (99.0, 99.0)),
+        ),
+        np.array(error),
+        {"sift": found},
+    )
+
+
+NOTHING = InferenceResult((), np.zeros(0), {"sift": features_of(POINT, [])}, {("p2p", "sift"): "no instance"})
+
+
+def definition_of(results: list[InferenceResult], kernels: dict[str, Kernel] | None = None) -> dict[str, Any]:
+    kernels = kernels or {"p2p_sift": PointToPoint()}
+    definition = TaskDefinition({name: member_of(kernel) for name, kernel in kernels.items()})
+    for number, result in enumerate(results):
+        definition.add(10 * number, result)
+    return definition.as_dict()
+
+
+def test_what_a_member_found_in_five_frames() -> None:
+    described = definition_of(
+        [
+            frame_with(CUP, SHELF, 0.5, (3.0, 4.0)),
+            frame_with(CUP_AGAIN, SHELF, 0.75, (0.0, 4.0)),
+            NOTHING,
+            frame_with(HAND, SHELF, 0.25, (0.0, 2.0)),
+            frame_with(SHELF, CUP, 0.7, (1.0, 0.0)),
+        ]
+    )
+    assert described["degrees_of_freedom"] == 2
+    assert described["members"]["p2p_sift"] == {
+        "kernel": "p2p",
+        "meaning": PointToPoint.meaning,
+        "descriptor": "sift",
+        "constrains": 2,
+        "frames": 5,
+        "frames_with_association": 4,
+        "mean_confidence": 0.55,
+        "error_norm": {"at_start": 5.0, "at_end": 1.0},
+        "associations": [
+            {
+                "share": 0.6,
+                "mean_confidence": 0.65,
+                "seen_best_in_frame": 10,
+                "nodes": [{"type": "point", "xy": [2.0, 3.0]}, {"type": "point", "xy": [4.0, 5.0]}],
+            },
+            {
+                "share": 0.2,
+                "mean_confidence": 0.25,
+                "seen_best_in_frame": 30,
+                "nodes": [{"type": "point", "xy": [2.0, 3.0]}, {"type": "point", "xy": [4.0, 5.0]}],
+            },
+        ],
+    }
+
+
+@pytest.mark.parametrize(("likeness", "groups"), [(SAME_FEATURE + 0.01, 1), (SAME_FEATURE - 0.01, 2)])
+def test_how_alike_views_of_one_feature_must_be(likeness: float, groups: int) -> None:
+    other = np.array([likeness, np.sqrt(1 - likeness**2), 0, 0], np.float32)
+    described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(other, SHELF, 0.5, (1.0, 0.0))])
+    assert len(described["members"]["p2p_sift"]["associations"]) == groups
+
+
+def test_both_features_must_be_alike() -> None:
+    described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(CUP, HAND, 0.5, (1.0, 0.0))])
+    assert [group["share"] for group in described["members"]["p2p_sift"]["associations"]] == [0.5, 0.5]
+
+
+def test_an_association_joins_the_group_it_resembles_most() -> None:
+    between = np.array([0.96, 0.28, 0, 0], np.float32)  # cosine 0.96 to CUP, 0.936 to CUP_AGAIN
+    turned = np.array([0.6, -0.8, 0, 0], np.float32)  # 0 to CUP_AGAIN, 0.6 to CUP
+    described = definition_of(
+        [
+            frame_with(turned, SHELF, 0.9, (1.0, 0.0)),
+            frame_with(CUP_AGAIN, SHELF, 0.9, (1.0, 0.0)),
+            frame_with(between, SHELF, 0.1, (1.0, 0.0)),
+        ]
+    )
+    associations = described["members"]["p2p_sift"]["associations"]
+    assert [(group["share"], group["seen_best_in_frame"]) for group in associations] == [(0.6667, 10), (0.3333, 0)]
+
+
+def test_errors_are_medians_of_a_tenth() -> None:
+    """Of 30 frames the first three have errors of 9, 1 and 5 pixels, the last three of 2, 8 and 3."""
+    sizes = [9, 1, 5, *[100] * 24, 2, 8, 3]
+    described = definition_of([frame_with(CUP, SHELF, 0.5, (0.0, float(size))) for size in sizes])
+    assert described["members"]["p2p_sift"]["error_norm"] == {"at_start": 5.0, "at_end": 3.0}
+
+
+def test_the_most_frequent_are_listed_first() -> None:
+    """Seven associations, the n-th one in n frames."""
+    others = np.eye(8, dtype=np.float32)[1:]
+    results = []
+    for number, descriptor in enumerate(others, start=1):
+        found = FeatureSet(
+            POINT,
+            np.stack([np.eye(8, dtype=np.float32)[0], descriptor]),
+            np.zeros((2, 2), np.float32),
+            np.zeros(2, np.float32),
+        )
+        nodes = (Node(POINT, (0.0, 0.0), 0), Node(POINT, (0.0, 0.0), 1))
+        association = Association("p2p", "sift", 1, 0.5, nodes, (1.0, 0.0))
+        results += number * [InferenceResult((association,), np.array([1.0, 0.0]), {"sift": found})]
+    described = definition_of(results)
+    shares = [group["share"] for group in described["members"]["p2p_sift"]["associations"]]
+    assert shares == [round(count / 28, 4) for count in (7, 6, 5, 4, 3)]
+    assert len(shares) == LISTED
+
+
+def test_an_ensemble_constrains_what_its_members_do_together() -> None:
+    points, lines = features_of(POINT, [CUP, SHELF]), features_of(LINE, [HAND])
+    result = InferenceResult(
+        (
+            Association("p2p", "sift", 1, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)),
+            Association(
+                "p2l", "sift+lbd", 1, 0.25, (Node(POINT, (2.0, 3.0), 1), Node(LINE, (0.0, 1.0, 2.0, 3.0), 0)), (-7.0,)
+            ),
+        ),
+        np.array([3.0, 4.0, -7.0]),
+        {"sift": points, "lbd": lines},
+    )
+    described = definition_of([result, result], {"p2p_sift": PointToPoint(), "p2l_sift_lbd": PointToLine()})
+    assert described["degrees_of_freedom"] == 3
+    mixed = described["members"]["p2l_sift_lbd"]
+    assert (mixed["constrains"], mixed["frames"], mixed["mean_confidence"]) == (1, 2, 0.25)
+    assert mixed["error_norm"] == {"at_start": 7.0, "at_end": 7.0}
+    assert mixed["descriptor"] == "sift+lbd"
+    assert [group["share"] for group in mixed["associations"]] == [1.0]
+    assert mixed["associations"][0]["nodes"][1] == {"type": "line", "xy": [[0.0, 1.0], [2.0, 3.0]]}
+
+
+@pytest.mark.parametrize("frames", [0, 3])
+def test_where_nothing_was_found_nothing_is_constrained(frames: int) -> None:
+    assert definition_of([NOTHING] * frames) == {
+        "degrees_of_freedom": 0,
+        "members": {
+            "p2p_sift": {
+                "kernel": "p2p",
+                "meaning": PointToPoint.meaning,
+                "descriptor": "sift",
+                "constrains": 0,
+                "frames": frames,
+                "frames_with_association": 0,
+                "mean_confidence": None,
+                "error_norm": {"at_start": None, "at_end": None},
+                "associations": [],
+            }
+        },
+    }
+
+
+def test_it_is_plain_enough_for_yaml() -> None:
+    described = definition_of([frame_with(CUP, SHELF, 1 / 3, (1 / 3, 2 / 3)), NOTHING])
+    assert yaml.safe_load(yaml.safe_dump(described)) == described

@@ -1,0 +1,298 @@
+"""A skill is loaded from a file that may be anything, and asked about a frame that may show anything."""
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jaxtyping
+import numpy as np
+import pytest
+import torch
+
+from geoskill import Skill as PublicSkill
+from geoskill.errors import InputError
+from geoskill.skill.skill import Skill, read_checkpoint
+
+
+@pytest.fixture
+def skill(skill_file: Path) -> Skill:
+    return Skill.load(skill_file)
+
+
+@pytest.fixture
+def frame(demonstration_frames: tuple[np.ndarray, ...]) -> np.ndarray:
+    return demonstration_frames[6]
+
+
+def test_the_package_offers_it() -> None:
+    assert PublicSkill is Skill
+
+
+def test_weights_come_from_the_file(skill: Skill, checkpoint: dict[str, Any]) -> None:
+    assert list(skill.members) == ["p2p_sift", "p2l_sift_lbd"]
+    assert list(skill.pipelines) == ["sift", "lbd"]
+    for name, member in skill.members.items():
+        assert not member.training
+        for key, weight in member.state_dict().items():
+            assert torch.equal(weight, checkpoint["state_dict"][f"members.{name}.{key}"])
+        assert member.spans.tolist() == [2, 4]
+        assert member.beta.tolist() == [0.5, 0.25]
+
+
+def no_file(path: Path) -> None:
+    path.unlink()
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def an_empty_file(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def random_bytes(path: Path) -> None:
+    path.write_bytes(np.random.default_rng(0).bytes(5000))
+
+
+def half_of_it(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def all_but_the_end(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1])
+
+
+def a_picture(path: Path) -> None:
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+
+
+def text(path: Path) -> None:
+    path.write_text("kernel: p2p\n")
+
+
+def a_pickle_that_acts(path: Path) -> None:
+    torch.save({"skill": Acting(path.with_name("acted")), "state_dict": {}}, path)
+
+
+class Acting:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (no_file, "no such file; expected the skill.ckpt of a training run"),
+        (a_folder, "no such file; expected the skill.ckpt of a training run"),
+        (an_empty_file, "cannot be read as a checkpoint; expected the skill.ckpt of a training run"),
+        (random_bytes, "cannot be read as a checkpoint"),
+        (half_of_it, "cannot be read as a checkpoint"),
+        (all_but_the_end, "cannot be read as a checkpoint"),
+        (a_picture, "cannot be read as a checkpoint"),
+        (text, "cannot be read as a checkpoint"),
+        (a_pickle_that_acts, "cannot be read as a checkpoint"),
+    ],
+)
+def test_what_is_no_checkpoint_is_refused(skill_file: Path, damage: Callable[[Path], None], message: str) -> None:
+    damage(skill_file)
+    with pytest.raises(InputError, match=f"^{skill_file}: {message}"):
+        Skill.load(skill_file)
+    with pytest.raises(InputError, match=f"^{skill_file}: {message}"):
+        read_checkpoint(str(skill_file))
+    assert not skill_file.with_name("acted").exists()
+
+
+@pytest.mark.parametrize("content", [{"state_dict": {}}, {"skill": {}}, {}, [1, 2], torch.zeros(3), "skill"])
+def test_a_checkpoint_of_another_program_is_refused(tmp_path: Path, content: Any) -> None:
+    path = tmp_path / "other.ckpt"
+    torch.save(content, path)
+    with pytest.raises(InputError, match=f"^{path}: is no skill of this program; expected the skill.ckpt"):
+        Skill.load(path)
+
+
+def wider(checkpoint: dict[str, Any]) -> None:
+    checkpoint["skill"]["model"]["hidden_dim"] = 9
+
+
+def without_a_weight(checkpoint: dict[str, Any]) -> None:
+    del checkpoint["state_dict"]["members.p2p_sift.beta"]
+
+
+def of_another_member(checkpoint: dict[str, Any]) -> None:
+    checkpoint["state_dict"] = {
+        key.replace("p2p_sift", "p2p_orb"): weight for key, weight in checkpoint["state_dict"].items()
+    }
+
+
+def another_kernel(checkpoint: dict[str, Any]) -> None:
+    checkpoint["skill"]["members"]["p2l_sift_lbd"]["kernel"]["_target_"] = "geoskill.kernels.l2l.LineToLine"
+
+
+def without_members(checkpoint: dict[str, Any]) -> None:
+    del checkpoint["skill"]["members"]
+
+
+def no_description(checkpoint: dict[str, Any]) -> None:
+    checkpoint["skill"] = "p2p"
+
+
+@pytest.mark.parametrize(
+    "change", [wider, without_a_weight, of_another_member, another_kernel, without_members, no_description]
+)
+def test_weights_that_do_not_fit_are_refused(
+    tmp_path: Path, checkpoint: dict[str, Any], change: Callable[[dict[str, Any]], None]
+) -> None:
+    checkpoint = copy.deepcopy(checkpoint)
+    change(checkpoint)
+    path = tmp_path / "unfit.ckpt"
+    torch.save(checkpoint, path)
+    with pytest.raises(InputError, match=rf"^{path}: its weights do not fit its description \(.+\)$") as caught:
+        Skill.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_format_is_refused_by_the_name_of_the_file(tmp_path: Path, checkpoint: dict[str, Any]) -> None:
+    path = tmp_path / "future.ckpt"
+    torch.save({**checkpoint, "skill": {**checkpoint["skill"], "format": 2}}, path)
+    with pytest.raises(InputError, match=rf"^{path}: the skill's format is 2; expected 1$"):
+        Skill.load(path)
+
+
+@pytest.mark.parametrize("device", ["cuda:77", "nowhere"])
+def test_a_device_that_is_not_there_is_refused(skill_file: Path, device: str) -> None:
+    with pytest.raises(InputError, match=rf"^device={device}: [^\n]+ \(expected one such as cpu\)$"):
+        Skill.load(skill_file, device=device)
+
+
+def test_the_best_of_each_member_sorted_by_confidence(skill: Skill, frame: np.ndarray) -> None:
+    result = skill.infer(frame)
+    assert [(a.kernel, a.descriptor, a.rank) for a in result.associations] == [
+        *(("p2p", "sift", rank) for rank in (1, 2, 3, 4)),
+        *(("p2l", "sift+lbd", rank) for rank in (1, 2, 3, 4)),
+    ]
+    for member in (result.associations[:4], result.associations[4:]):
+        confidences = [association.confidence for association in member]
+        assert confidences == sorted(confidences, reverse=True)
+        assert all(0 < confidence < 1 for confidence in confidences)
+        assert sum(confidences) < 1
+        assert len({association.nodes for association in member}) == 4
+    assert result.reasons == {}
+
+
+def test_confidence_is_the_share_of_all_instances(skill: Skill, frame: np.ndarray) -> None:
+    skill.alternatives = 1000
+    result = skill.infer(frame)
+    points, lines = (len(result.features[name]) for name in ("sift", "lbd"))
+    p2p = [a.confidence for a in result.associations if a.kernel == "p2p"]
+    p2l = [a.confidence for a in result.associations if a.kernel == "p2l"]
+    assert (len(p2p), len(p2l)) == (points * (points - 1) // 2, points * lines)
+    assert sum(p2p) == pytest.approx(1, abs=1e-5)
+    assert sum(p2l) == pytest.approx(1, abs=1e-5)
+
+
+def test_nodes_are_the_features_they_name(skill: Skill, frame: np.ndarray) -> None:
+    result = skill.infer(frame)
+    for association in result.associations:
+        for node, name in zip(
+            association.nodes, ("sift", {"p2p": "sift", "p2l": "lbd"}[association.kernel]), strict=True
+        ):
+            assert node.feature is not None
+            assert node.node_type is result.features[name].node_type
+            assert node.coordinates == tuple(result.features[name].geometry[node.feature].tolist())
+
+
+def test_errors_are_the_control_errors_of_the_nodes(skill: Skill, frame: np.ndarray) -> None:
+    result = skill.infer(frame)
+    kernels = {member.kernel.name: member.kernel for member in skill.members.values()}
+    for association in result.associations:
+        nodes = [torch.tensor([node.coordinates]) for node in association.nodes]
+        expected = kernels[association.kernel].control_error(nodes)[0]
+        torch.testing.assert_close(torch.tensor(association.error), expected)
+    first = result.associations[0]
+    (xa, ya), (xb, yb) = (node.coordinates for node in first.nodes)
+    assert first.error == pytest.approx((xa - xb, ya - yb), abs=1e-4)
+
+
+def test_the_error_of_an_ensemble_is_that_of_its_top_associations(skill: Skill, frame: np.ndarray) -> None:
+    result = skill.infer(frame)
+    assert result.error.shape == (2 + 1,)
+    assert result.error.tolist() == [*result.associations[0].error, *result.associations[4].error]
+
+
+def test_an_ensemble_infers_what_its_members_infer_alone(
+    skill: Skill, tmp_path: Path, checkpoint: dict[str, Any], frame: np.ndarray
+) -> None:
+    together = skill.infer(frame)
+    for name, part in (("p2p_sift", slice(0, 4)), ("p2l_sift_lbd", slice(4, 8))):
+        alone = copy.deepcopy(checkpoint)
+        alone["skill"]["members"] = {name: alone["skill"]["members"][name]}
+        torch.save(alone, tmp_path / f"{name}.ckpt")
+        assert Skill.load(tmp_path / f"{name}.ckpt").infer(frame).associations == together.associations[part]
+
+
+def test_it_says_the_same_again(skill_file: Path, frame: np.ndarray, demonstration_frames: Any) -> None:
+    skill = Skill.load(skill_file)
+    first = skill.infer(frame)
+    skill.infer(demonstration_frames[0])
+    again, other = skill.infer(frame.copy()), Skill.load(skill_file).infer(frame)
+    assert first.associations == again.associations == other.associations
+    assert np.array_equal(first.error, again.error)
+
+
+def test_a_frame_with_nothing_in_it(skill: Skill) -> None:
+    result = skill.infer(np.full((90, 120, 3), 77, np.uint8))
+    assert result.associations == ()
+    assert result.error.shape == (0,)
+    assert result.reasons == {
+        ("p2p", "sift"): "no instance: 0 points found",
+        ("p2l", "sift+lbd"): "no instance: 0 points, 0 lines found",
+    }
+    assert {name: len(found) for name, found in result.features.items()} == {"sift": 0, "lbd": 0}
+
+
+def test_a_member_without_instance_leaves_the_others_alone(skill: Skill, frame: np.ndarray) -> None:
+    skill.pipelines["lbd"].max_features = 0
+    result = skill.infer(frame)
+    assert [association.kernel for association in result.associations] == ["p2p"] * 4
+    assert result.reasons == {("p2l", "sift+lbd"): "no instance: 12 points, 0 lines found"}
+    assert result.error.tolist() == list(result.associations[0].error)
+
+
+def test_fewer_instances_than_alternatives(skill: Skill, frame: np.ndarray) -> None:
+    skill.pipelines["sift"].max_features = 2
+    result = skill.infer(frame)
+    pair = [association for association in result.associations if association.kernel == "p2p"]
+    assert len(pair) == 1
+    assert pair[0].confidence == 1.0
+
+
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        (np.zeros((4, 5), np.uint8), r"uint8 \[4, 5\]"),
+        (np.zeros((4, 5, 4), np.uint8), r"uint8 \[4, 5, 4\]"),
+        (np.zeros((4, 5, 1), np.uint8), r"uint8 \[4, 5, 1\]"),
+        (np.zeros((4, 5, 3), np.float32), r"float32 \[4, 5, 3\]"),
+        (np.zeros((2, 4, 5, 3), np.uint8), r"uint8 \[2, 4, 5, 3\]"),
+        (np.zeros((0, 5, 3), np.uint8), r"uint8 \[0, 5, 3\]"),
+    ],
+)
+def test_what_is_no_frame_is_refused(
+    skill: Skill, frame: np.ndarray, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # it would say so in its own words
+    with pytest.raises(InputError, match=rf"^the frame is {said}; expected uint8 \[height, width, 3\], RGB$"):
+        skill.infer(frame)
+
+
+def test_the_smallest_frames(skill: Skill) -> None:
+    for height, width in ((1, 1), (1, 50), (7, 3)):
+        assert skill.infer(np.zeros((height, width, 3), np.uint8)).associations == ()
