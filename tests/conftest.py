@@ -1,11 +1,14 @@
 """What all tests share."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+import yaml
 
+CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
 BLOCKS = Path(__file__).resolve().parents[2] / "shared" / "data" / "blocks"
 
@@ -50,3 +53,11 @@ def demonstration_folder(
     for number, frame in enumerate(demonstration_frames):
         cv2.imwrite(str(folder / f"{number:03d}.png"), frame[:, :, ::-1])
     return folder
+
+
+@pytest.fixture(scope="session")
+def small_model() -> dict[str, Any]:
+    """The default network as configured, but of 8 hidden units and 2 steps."""
+    settings = yaml.safe_load((CONFIGURATION / "model" / "default.yaml").read_text(encoding="utf-8"))
+    assert {"hidden_dim", "layers"} <= settings.keys()
+    return {**settings, "hidden_dim": 8, "layers": 2}

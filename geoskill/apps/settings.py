@@ -25,10 +25,11 @@ def check_kinds(cfg: DictConfig) -> None:
     Raises:
         InputError: when it is of another kind, such as a word for a number.
     """
-    hydra = HydraConfig.get()
+    loader = GlobalHydra.instance().config_loader()
+    groups = set(loader.list_groups(""))
     # What the command line sets besides groups is what is checked.
-    groups = [override for override in hydra.overrides.task if override.split("=")[0] in hydra.runtime.choices]
-    defaults = GlobalHydra.instance().config_loader().load_configuration(hydra.job.config_name, groups, RunMode.RUN)
+    chosen = [override for override in HydraConfig.get().overrides.task if override.split("=")[0] in groups]
+    defaults = loader.load_configuration(HydraConfig.get().job.config_name, chosen, RunMode.RUN)
     given = dict(_leaves(OmegaConf.to_container(cfg)))
     for key, default in _leaves(OmegaConf.to_container(defaults)):
         if key in given and key not in FREE:

@@ -114,9 +114,10 @@ def _plot(rows: Sequence[Mapping[str, Any]], figures: Sequence[str], path: Path)
         values = [row.get(figure, float("nan")) for row in rows]
         spreads = [row.get(f"{figure}_sd") or 0.0 for row in rows]
         axes.errorbar(range(len(rows)), values, yerr=spreads, marker="o", linestyle="none", capsize=4)
-        axes.set_xticks(range(len(rows)), names, rotation=30 if max(map(len, names)) > 6 else 0)
-        axes.set_title(figure)
+        slanted = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 6 else {}
+        axes.set_xticks(range(len(rows)), names, **slanted)
+        axes.set_title({"top1_accuracy": "top-1 accuracy", "rsw": "RSW"}.get(figure, figure.replace("_", " ")))
         axes.grid(alpha=0.3)
     swept = [key for key, value in rows[0].items() if isinstance(value, str)]
-    picture.supxlabel(", ".join(swept))
+    picture.supxlabel(f"{', '.join(swept)} (mean and standard deviation over the seeds)".lstrip())
     picture.savefig(path, dpi=120)

@@ -77,6 +77,8 @@ def train(cfg: DictConfig) -> None:
     with refusing("model"):
         parts = build(description, cache)
     loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
+    for logger in loggers:
+        getattr(logger, "_wandb_init", {}).pop("anonymous", None)  # Lightning always gives it, and wandb then warns
     trainer: Trainer = instantiate(
         cfg.trainer,
         logger=loggers or False,

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
+from geoskill.model.encoder import DescriptorEncoder
 from geoskill.model.scorer import InstanceScorer, Motif
 
 
@@ -34,28 +35,18 @@ class Bilinear(InstanceScorer):
             raise InputError(f"model.hidden_dim={hidden_dim}: expected at least 1")
         self.motif = motif
         self.scale = hidden_dim**-0.5
-
-        def encoders() -> nn.ModuleDict:
-            return nn.ModuleDict(
-                {
-                    str(kind): nn.Sequential(nn.Linear(dim, hidden_dim), nn.ReLU(), nn.Linear(hidden_dim, hidden_dim))
-                    for kind, dim in motif.descriptor_dims.items()
-                }
-            )
-
-        self.source, self.destination = encoders(), encoders()
+        self.source: nn.Module = DescriptorEncoder(motif.descriptor_dims, hidden_dim, hidden_dim)
+        self.destination: nn.Module = DescriptorEncoder(motif.descriptor_dims, hidden_dim, hidden_dim)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
     ) -> Float[Tensor, " m"]:
         """See :meth:`InstanceScorer.forward`."""
-        scaled = {kind: x * x.shape[1] ** 0.5 for kind, x in descriptors.items()}
-        source = {kind: self.source[str(kind)](x) for kind, x in scaled.items()}
-        destination = {kind: self.destination[str(kind)](x) for kind, x in scaled.items()}
+        source, destination = self.source(descriptors), self.destination(descriptors)
         roles = self.motif.roles
         terms = [
             (source[roles[i]][instance_index[i]] * destination[roles[j]][instance_index[j]]).sum(dim=1)
             for i, j in self.motif.edges
         ]
-        scores: Tensor = torch.stack(terms).sum(dim=0) * self.scale
-        return scores
+        total: Tensor = torch.stack(terms).sum(dim=0) * self.scale
+        return total

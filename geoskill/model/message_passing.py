@@ -59,6 +59,7 @@ class MessagePassing(InstanceScorer):
         motif: what an instance looks like.
         hidden_dim: ``h``.
         layers: ``T``.
+        encoder_dim: width of the descriptors' encoder; None for a linear one.
         read_out: ``perceptron`` on the final states, as in the paper, or ``product`` of two of them.
         shared_weights: one set of weights for all steps, as in Gilmer et al., or one for each.
 
@@ -66,14 +67,23 @@ class MessagePassing(InstanceScorer):
         InputError: when ``hidden_dim`` or ``layers`` is below 1.
     """
 
-    def __init__(self, motif: Motif, *, hidden_dim: int, layers: int, shared_weights: bool, read_out: str) -> None:
+    def __init__(
+        self,
+        motif: Motif,
+        *,
+        hidden_dim: int,
+        layers: int,
+        shared_weights: bool,
+        read_out: str,
+        encoder_dim: int | None = None,
+    ) -> None:
         super().__init__()
         for name, value in (("hidden_dim", hidden_dim), ("layers", layers)):
             if value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
         self.motif = motif
         self.steps = layers
-        self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim)
+        self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
 

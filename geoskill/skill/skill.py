@@ -44,7 +44,7 @@ class Skill:
             cache: where extracted features are kept, or None.
 
         Raises:
-            InputError: when the file is missing, is no checkpoint of a skill, or its weights do not fit; when there is no
+            InputError: when the file is missing, is no checkpoint of a skill, its weights do not fit, or there is no
                 such device.
         """
         checkpoint = read_checkpoint(path)

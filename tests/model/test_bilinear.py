@@ -18,7 +18,7 @@ def test_scores_equal_the_sum_over_edges_written_out() -> None:
     index = torch.tensor([[0, 1, 2, 2], [0, 0, 1, 1], [1, 2, 0, 2]])
 
     def encoded(encoders: torch.nn.ModuleDict, kind: NodeType, feature: int) -> torch.Tensor:
-        first, _, second = encoders[str(kind)]
+        first, _, second = encoders.layers[str(kind)]
         x = descriptors[kind][feature] * {POINT: 6, LINE: 9}[kind] ** 0.5
         return second.weight @ (first.weight @ x + first.bias).clamp(min=0) + second.bias
 

@@ -17,7 +17,9 @@ PATH = Motif((POINT,) * 3, ((0, 1), (1, 2), (1, 0), (2, 1)), ((0, 1, 2), (2, 1, 
 @pytest.mark.parametrize(("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5)])
 def test_sizes_below_one_are_refused(name: str, value: int) -> None:
     with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
-        MessagePassing(P2P, **({"hidden_dim": 4, "layers": 2, "shared_weights": True, "read_out": "perceptron"} | {name: value}))
+        MessagePassing(
+            P2P, **({"hidden_dim": 4, "layers": 2, "shared_weights": True, "read_out": "perceptron"} | {name: value})
+        )
 
 
 def test_shared_weights_are_one_layer_for_all_steps() -> None:

@@ -10,7 +10,7 @@ from geoskill.skill.description import build, describe
 
 
 @pytest.fixture(scope="session")
-def description() -> dict[str, Any]:
+def description(small_model: dict[str, Any]) -> dict[str, Any]:
     """A skill of two members, p2p_sift and p2l_sift_lbd, with four alternatives each."""
     return describe(
         {
@@ -18,13 +18,7 @@ def description() -> dict[str, Any]:
             "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
         },
         {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        {
-            "_target_": "geoskill.model.message_passing.MessagePassing",
-            "_partial_": True,
-            "hidden_dim": 8,
-            "layers": 2,
-            "shared_weights": True,
-        },
+        small_model,
         {"max_features": 12, "min_side": 0},
         alternatives=4,
     )

@@ -31,11 +31,11 @@ def member_of(kernel: Kernel) -> KernelModel:
 
 
 def features_of(node_type: NodeType, descriptors: list[np.ndarray]) -> FeatureSet:
-    count = len(descriptors)
+    count, width = len(descriptors), node_type.geometry_dim
     return FeatureSet(
         node_type,
         np.array(descriptors, np.float32).reshape(count, 4),
-        np.arange(count * node_type.geometry_dim, dtype=np.float32).reshape(count, -1),
+        np.arange(count * width, dtype=np.float32).reshape(count, width),
         np.zeros(count, np.float32),
     )
 
@@ -117,18 +117,21 @@ def test_both_features_must_be_alike() -> None:
     assert [group["share"] for group in described["members"]["p2p_sift"]["associations"]] == [0.5, 0.5]
 
 
-def test_an_association_joins_the_group_it_resembles_most() -> None:
-    between = np.array([0.96, 0.28, 0, 0], np.float32)  # cosine 0.96 to CUP, 0.936 to CUP_AGAIN
-    turned = np.array([0.6, -0.8, 0, 0], np.float32)  # 0 to CUP_AGAIN, 0.6 to CUP
-    described = definition_of(
-        [
-            frame_with(turned, SHELF, 0.9, (1.0, 0.0)),
-            frame_with(CUP_AGAIN, SHELF, 0.9, (1.0, 0.0)),
-            frame_with(between, SHELF, 0.1, (1.0, 0.0)),
-        ]
-    )
-    associations = described["members"]["p2p_sift"]["associations"]
-    assert [(group["share"], group["seen_best_in_frame"]) for group in associations] == [(0.6667, 10), (0.3333, 0)]
+@pytest.mark.parametrize("order", [(0, 60), (60, 0)])
+def test_an_association_joins_the_group_it_resembles_most(order: tuple[int, int]) -> None:
+    """Two strangers 60 degrees apart, and a view 20 degrees from one and 40 from the other."""
+
+    def turned(angle_deg: float) -> np.ndarray:
+        angle = np.radians(angle_deg)
+        return np.array([np.cos(angle), np.sin(angle), 0, 0], np.float32)
+
+    results = [frame_with(turned(angle), SHELF, 0.9, (1.0, 0.0)) for angle in (*order, 20)]
+    associations = definition_of(results)["members"]["p2p_sift"]["associations"]
+    expected = 10 * order.index(0)
+    assert [(group["share"], group["seen_best_in_frame"]) for group in associations] == [
+        (0.6667, expected),
+        (0.3333, 10 - expected),
+    ]
 
 
 def test_errors_are_medians_of_a_tenth() -> None:

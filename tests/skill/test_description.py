@@ -104,19 +104,13 @@ def test_no_alternative_is_refused() -> None:
         described(["p2p"], ["sift"], alternatives=0)
 
 
-def test_what_is_built_is_what_is_described(tmp_path: Path) -> None:
+def test_what_is_built_is_what_is_described(tmp_path: Path, small_model: dict[str, Any]) -> None:
     kernels = {"p2l": KERNELS["p2l"], "p2p": KERNELS["p2p"]}
     descriptors = {
         "sift": {**DESCRIPTORS["sift"], "contrast_threshold": 0.02},
         "lbd": {**DESCRIPTORS["lbd"], "band_width": 5},
     }
-    model = {
-        "_target_": "geoskill.model.message_passing.MessagePassing",
-        "_partial_": True,
-        "hidden_dim": 6,
-        "layers": 2,
-        "shared_weights": False,
-    }
+    model = {**small_model, "hidden_dim": 6, "layers": 3, "shared_weights": False}
     cache = FeatureCache(tmp_path)
     parts = build(describe(kernels, descriptors, model, FEATURES, 5), cache)
     assert parts.alternatives == 5
@@ -127,7 +121,7 @@ def test_what_is_built_is_what_is_described(tmp_path: Path) -> None:
     assert mixed.extractors == {NodeType.POINT: "sift", NodeType.LINE: "lbd"}
     for member, dims in ((mixed, {"point": 128, "line": 72}), (points, {"point": 128})):
         assert type(member.scorer) is MessagePassing
-        assert (member.scorer.steps, len(member.scorer.layers)) == (2, 2)
+        assert (member.scorer.steps, len(member.scorer.layers)) == (3, 3)
         assert {str(kind): dim for kind, dim in member.scorer.motif.descriptor_dims.items()} == dims
     assert mixed.scorer is not points.scorer
     for pipeline in parts.pipelines.values():

@@ -6,6 +6,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import jaxtyping
 import numpy as np
 import pytest
 import torch
@@ -21,13 +22,6 @@ from geoskill.training.datamodule import TransitionData
 from geoskill.training.demonstration import Demonstration
 from geoskill.training.module import SkillTraining
 
-MESSAGE_PASSING = {
-    "_target_": "geoskill.model.message_passing.MessagePassing",
-    "_partial_": True,
-    "hidden_dim": 8,
-    "layers": 2,
-    "shared_weights": True,
-}
 ADAM = partial(torch.optim.Adam, lr=3e-3)
 
 
@@ -36,7 +30,7 @@ def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
 
 
 @pytest.fixture(scope="session")
-def description() -> dict[str, Any]:
+def description(small_model: dict[str, Any]) -> dict[str, Any]:
     """A skill of two members, p2p_sift and p2l_sift_lbd."""
     return describe(
         {
@@ -44,7 +38,7 @@ def description() -> dict[str, Any]:
             "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
         },
         {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        MESSAGE_PASSING,
+        small_model,
         {"max_features": 10, "min_side": 0},
         alternatives=3,
     )
@@ -60,12 +54,12 @@ class Training:
             frames, parts.pipelines, parts.members, gap=2, horizon=0.6, progress=in_silence
         )
 
-    def members(self, model: Mapping[str, Any] = MESSAGE_PASSING) -> dict[str, KernelModel]:
+    def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:
         """Untrained ones."""
         members = {}
         for name, settings in self.description["members"].items():
             torch.manual_seed(1)
-            alone = {**self.description, "members": {name: settings}, "model": model}
+            alone = {**self.description, "members": {name: settings}, "model": model or self.description["model"]}
             members |= build(alone).members
         return members
 
@@ -74,6 +68,7 @@ class Training:
         members: dict[str, KernelModel] | None = None,
         optimizer: Callable[..., torch.optim.Optimizer] = ADAM,
         descriptor_noise: float = 0.3,
+        feature_dropout: float = 0.2,
         **objective: Any,
     ) -> SkillTraining:
         """Members, their reward scale fitted, with an objective that has 3 alternatives."""
@@ -85,6 +80,7 @@ class Training:
             settings,
             optimizer,
             descriptor_noise=descriptor_noise,
+            feature_dropout=feature_dropout,
             seed=5,
             description=self.description,
         )
@@ -98,9 +94,13 @@ class Training:
         resume: Path | None = None,
         callbacks: Sequence[Callback] = (),
         batch_size: int = 4,
+        check_types: bool = False,
         **trainer: Any,
     ) -> MetricsTable:
-        """Train, 3 batches an epoch; leaves metrics.csv and skill.ckpt in the folder."""
+        """Train, 3 batches an epoch; leaves metrics.csv and skill.ckpt in the folder.
+
+        Checking annotated types at every call would take most of the time, so one test does it for all.
+        """
         folder.mkdir(exist_ok=True)
         table = MetricsTable(folder / "metrics.csv")
         settings = {
@@ -113,7 +113,8 @@ class Training:
             "enable_progress_bar": False,
             "enable_model_summary": False,
         }
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(jaxtyping.config, "jaxtyping_disable", not check_types)
             quiet_libraries()
             Trainer(
                 **{**settings, **trainer},

@@ -33,10 +33,10 @@ def test_it_learns_to_join_what_moves_together_to_its_target(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
     training = training_of(P2P)
-    module = training.module(optimizer=partial(torch.optim.Adam, lr=1e-2))
+    module = training.module(optimizer=partial(torch.optim.Adam, lr=1e-2), feature_dropout=0.0)
     table = training.run(module, tmp_path, epochs=12, batch_size=8)
     objective, reward, rsw = (column(table, f"{P2P}/{name}") for name in ("objective", "reward", "rsw"))
-    assert objective[-6:].mean() > objective[:3].mean() + 0.25
+    assert objective[-6:].mean() > objective[:3].mean() + 0.2
     assert reward[-6:].mean() > 0.6 > reward[:3].mean()
     assert rsw[-6:].mean() < 0.3 < rsw[:3].mean()
 
@@ -77,14 +77,15 @@ def test_the_noise_of_members_steps_and_processes_differs(training: Training, mo
     assert len({tuple(numbers.tolist()) for numbers in drawn}) == 2 * 3 * 2 * 2
 
 
-def test_noise_changes_what_is_learned_but_not_from_run_to_run(training: Training, tmp_path: Path) -> None:
+def test_noise_and_dropout_change_what_is_learned_but_not_from_run_to_run(training: Training, tmp_path: Path) -> None:
     learned = []
-    for number, noise in enumerate((0.3, 0.3, 0.0)):
-        module = training.module(descriptor_noise=noise)
+    for number, (noise, dropout) in enumerate(((0.3, 0.2), (0.3, 0.2), (0.0, 0.2), (0.3, 0.0))):
+        module = training.module(descriptor_noise=noise, feature_dropout=dropout)
         training.run(module, tmp_path / str(number), epochs=1)
         learned.append(flat(module))
     assert torch.equal(learned[0], learned[1])
-    assert not torch.allclose(learned[0], learned[2], atol=1e-4)
+    for other in learned[2:]:
+        assert not torch.allclose(learned[0], other, atol=1e-4)
 
 
 def test_gradients_are_clipped_member_by_member(training: Training) -> None:
@@ -167,7 +168,7 @@ def test_every_variant_trains(training: Training, tmp_path: Path, variant: str, 
     members = training.members(BILINEAR) if model == "bilinear" else training.members()
     module = training.module(members, **VARIANTS[variant])
     before = {name: flat(member) for name, member in module.members.items()}
-    table = training.run(module, tmp_path, epochs=1, precision=precision)
+    table = training.run(module, tmp_path, epochs=1, precision=precision, check_types=True)
     assert len(table.rows) == 3
     assert all(np.isfinite(list(row.values())).all() for row in table.rows)
     for name, member in module.members.items():
