@@ -120,7 +120,7 @@ def test_models(name: str) -> None:
     assert isinstance(build, partial)
     for kernel in options("kernel"):
         for node in compose("train", [f"kernel={kernel}"]).kernel.values():
-            motif = Motif.of(instantiate(node), {kind: 4 for kind in NodeType})
+            motif = Motif.of(instantiate(node), dict.fromkeys(NodeType, 4))
             with torch.device("meta"):  # the paper's network is large
                 assert isinstance(build(motif), InstanceScorer)
 

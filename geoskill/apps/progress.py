@@ -2,17 +2,25 @@
 
 import logging
 import os
+import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from typing import TypeVar
 
 from rich.progress import track
 
+Item = TypeVar("Item")
 
-def show_progress(items: Sequence[int], description: str) -> Iterable[int]:
-    """A bar on the terminal while a sequence is worked off; of several processes, only the first one shows it."""
+
+def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterable[Item]:
+    """A bar on the terminal while items are worked off; of several processes, only the first one shows it.
+
+    Where there is no terminal there is no bar, whose control characters would get into the last line.
+    """
     from lightning.fabric.utilities.rank_zero import rank_zero_only
 
-    return track(items, description=description, transient=True, disable=getattr(rank_zero_only, "rank", 0) != 0)
+    hidden = getattr(rank_zero_only, "rank", 0) != 0 or not sys.stdout.isatty()
+    return track(items, description=description, total=total, transient=True, disable=hidden)
 
 
 def quiet_libraries() -> None:

@@ -9,8 +9,8 @@ from typing import Any, TextIO
 
 import numpy as np
 import yaml
-from rich.progress import track
 
+from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.features.video import Camera, Frame, FrameSource
 from geoskill.skill.association import InferenceResult
@@ -56,7 +56,7 @@ def write_inference(
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
     ):
         try:
-            for frame in track(frames, description="selecting associations", transient=True):
+            for frame in show_progress(frames, "selecting associations"):
                 result = skill.infer(frame.image)
                 for line in association_lines(frame, result):
                     lines.write(json.dumps(line) + "\n")

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.progress import track
-
+from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
 from geoskill.evaluation.regions import Regions, load_regions
@@ -39,5 +38,5 @@ def score(
         regions,
         [(member.kernel, member.descriptor) for member in skill.members.values()],
         every=every,
-        progress=lambda items: track(items, description="judging frames", total=len(frames), transient=True),
+        progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
     )

@@ -41,13 +41,9 @@ def test_help_answers_at_once(environment: dict[str, str], name: str) -> None:
 
 
 def test_explained_causes() -> None:
-    try:
-        try:
-            raise InputError("model.layers=0: expected\nat least 1")
-        except InputError as cause:
-            raise RuntimeError("while building") from cause
-    except RuntimeError as error:
-        assert explain(error) == (2, "model.layers=0: expected at least 1")
+    wrapped = RuntimeError("while building")
+    wrapped.__cause__ = InputError("model.layers=0: expected\nat least 1")
+    assert explain(wrapped) == (2, "model.layers=0: expected at least 1")
     full = OSError(28, "No space left on device", "/run/skill.ckpt")
     assert explain(full) == (1, "/run/skill.ckpt: no space left on the disk; nothing that was complete is lost")
     assert explain(OSError(13, "Permission denied", "/run"))[0] == 1
