@@ -84,6 +84,8 @@ def train(cfg: DictConfig) -> None:
         logger=loggers or False,
         callbacks=[MetricsTable(folder / "metrics.csv"), *_callbacks(cfg, folder)],
         default_root_dir=str(folder),
+        # Elsewhere it shows nothing before the end, and leaves control characters.
+        enable_progress_bar=cfg.trainer.enable_progress_bar and sys.stdout.isatty(),
     )
     module = SkillTraining(
         parts.members,

@@ -1,5 +1,7 @@
+import pytest
 import torch
 
+from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.model.encoder import DescriptorEncoder
 
@@ -20,3 +22,18 @@ def test_each_type_has_its_own_layer_into_one_space() -> None:
 
 def test_a_frame_without_features_of_a_type() -> None:
     assert DescriptorEncoder({POINT: 16}, hidden_dim=3)({POINT: torch.zeros(0, 16)})[POINT].shape == (0, 3)
+
+
+def test_with_a_width_it_is_a_perceptron() -> None:
+    torch.manual_seed(0)
+    encoder = DescriptorEncoder({POINT: 16}, hidden_dim=3, width=7)
+    x = torch.randn(5, 16)
+    first, _, second = encoder.layers["point"]
+    expected = second((4 * x @ first.weight.T + first.bias).clamp(min=0))
+    torch.testing.assert_close(encoder({POINT: x})[POINT], expected)
+    assert first.weight.shape == (7, 16)
+
+
+def test_a_width_below_one_is_refused() -> None:
+    with pytest.raises(InputError, match=r"model\.encoder_dim=0: expected at least 1, or null"):
+        DescriptorEncoder({POINT: 16}, hidden_dim=3, width=0)
