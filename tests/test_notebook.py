@@ -1,7 +1,6 @@
 """The notebook runs, and is stored as it was written."""
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import nbformat
@@ -22,7 +21,7 @@ def test_it_is_short_and_stored_without_outputs() -> None:
 
 
 @pytest.fixture
-def _environment(demonstration_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _environment(demonstration_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GEOSKILL_DEMONSTRATION", str(demonstration_folder))
     monkeypatch.setenv("GEOSKILL_RUN", str(tmp_path / "run"))
     monkeypatch.setenv(
@@ -32,7 +31,6 @@ def _environment(demonstration_folder: Path, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))))
-    yield
 
 
 @pytest.mark.slow

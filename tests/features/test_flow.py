@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geoskill.features.flow import SAMPLES_PER_SEGMENT, dense_flow, follow_along, follow_features
+from geoskill.features.flow import SAMPLES_PER_SEGMENT, Flow, dense_flow, follow_along, follow_features
 from geoskill.geometry.primitives import NodeType
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
@@ -137,6 +137,38 @@ def test_the_tolerance_is_the_distance_of_the_return(texture: np.ndarray, points
     assert kept[-1].all()
     assert all((strict <= loose).all() for strict, loose in pairwise(kept))
     assert any(0 < mask.sum() < len(points) for mask in kept)
+
+
+def constant_flow(x: float, y: float, scale: float) -> Flow:
+    field = np.zeros((40, 60, 2), np.float32) + np.array([x, y], np.float32)
+    return Flow(field, -field, scale)
+
+
+def test_even_where_the_flow_goes_on_a_point_beyond_the_border_is_lost() -> None:
+    # Pixel centres lie at whole numbers, so the picture ends half a pixel outside the last ones.
+    points = np.array([[5, 20], [6.6, 20], [7.4, 20], [30, 1.4], [30, 0.6]], np.float32)
+    geometry, followed = follow_along(POINT, points, constant_flow(-7, 0, 1.0))
+    assert followed.tolist() == [False, True, True, True, True]
+    assert np.array_equal(geometry[0], points[0])
+    np.testing.assert_allclose(geometry[1:], points[1:] - [7, 0], rtol=0, atol=1e-4)
+    _, followed = follow_along(POINT, points, constant_flow(0, -1, 1.0))
+    assert followed.tolist() == [True, True, True, True, True]
+    _, followed = follow_along(POINT, points, constant_flow(0, -1.2, 1.0))
+    assert followed.tolist() == [True, True, True, True, False]
+    _, followed = follow_along(POINT, points, constant_flow(0, 19.6, 1.0))
+    assert followed.tolist() == [False, False, False, True, True]
+
+
+def test_the_flow_of_a_reduced_picture_counts_in_pixels_of_the_frame() -> None:
+    geometry, followed = follow_along(POINT, np.array([[50, 40]], np.float32), constant_flow(3, -2, 0.5))
+    assert followed.all()
+    np.testing.assert_allclose(geometry, [[56, 36]], rtol=0, atol=1e-4)
+    flow = constant_flow(3, -2, 0.5)
+    # It comes back 0.4 pixels of the reduced picture beside the start, 0.8 pixels of the frame.
+    beside = Flow(flow.forward, flow.backward + np.array([0.4, 0], np.float32), 0.5)
+    for tolerance, expected in ((0.75, False), (0.85, True)):
+        _, followed = follow_along(POINT, np.array([[50, 40]], np.float32), beside, tolerance_px=tolerance)
+        assert followed.tolist() == [expected]
 
 
 def test_a_flow_serves_in_both_directions(texture: np.ndarray, points: np.ndarray) -> None:
