@@ -49,7 +49,7 @@ def script(environment: dict[str, str]) -> Command:
             env=environment,
             capture_output=True,
             text=True,
-            timeout=300,
+            timeout=600,
             check=False,
             **settings,
         )
@@ -63,9 +63,9 @@ def command(
     environment: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Command:
     """``command("train", "seed=1")`` does what ``python train.py seed=1`` does, within this process."""
-    from geoskill.apps import evaluate, infer, train
+    from geoskill.apps import evaluate, infer, reproduce, train
 
-    mains = {"train": train.main, "infer": infer.main, "evaluate": evaluate.main}
+    mains = {"train": train.main, "infer": infer.main, "evaluate": evaluate.main, "reproduce": reproduce.main}
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, environment[name])
     for name in ("HYDRA_FULL_ERROR", "WANDB_SILENT"):  # the commands set them; what is set here ends with the test

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import resource
 import shlex
 import signal
 import subprocess
@@ -31,11 +32,13 @@ def test_help_answers_at_once(environment: dict[str, str], name: str) -> None:
         "heavy = {'torch', 'lightning', 'torch_geometric', 'cv2', 'matplotlib', 'wandb'} & sys.modules.keys()\n"
         "print('heavy:', sorted(heavy))"
     )
-    started = time.monotonic()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     ended = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     )
-    assert time.monotonic() - started < 3
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    # Time at work, which other programs do not lengthen.
+    assert after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime < 3
     assert "== Config ==" in ended.stdout
     assert ended.stdout.splitlines()[-1] == "heavy: []"
 
@@ -54,14 +57,14 @@ def test_explained_causes() -> None:
 
 
 def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]") -> None:
-    for _ in range(1200):
+    for _ in range(6000):
         if (folder / "metrics.csv").is_file():
             with (folder / "metrics.csv").open(newline="") as file:
                 if len({row["epoch"] for row in csv.DictReader(file)}) >= epochs:
                     return
         assert process.poll() is None, process.communicate()
         time.sleep(0.1)
-    raise AssertionError(f"no {epochs} epochs in two minutes")
+    raise AssertionError(f"no {epochs} epochs in ten minutes")
 
 
 @pytest.mark.slow
@@ -100,7 +103,7 @@ def test_ctrl_c_says_how_to_go_on_and_that_works(
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr

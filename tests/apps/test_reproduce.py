@@ -1,0 +1,91 @@
+"""``python reproduce.py``: its table by hand, its refusals, and a whole small one that goes on where it was stopped."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from geoskill.apps.reproduce import make_table
+
+Command = Callable[..., Any]
+
+
+def score(accuracy: float | None, hand: float = 0.0) -> dict[str, Any]:
+    return {"top1_accuracy": accuracy, "hand_rate": hand, "feasible_frames": 40, "frames": 41}
+
+
+def test_a_row_has_median_and_worst_over_its_seeds() -> None:
+    runs = [
+        {"rsw": rsw, "steps": 400, "here": score(accuracy, hand)}
+        for rsw, accuracy, hand in ((0.004, 0.9, 0.1), (0.002, 0.5, 0.3), (0.03, 1.0, 0.0))
+    ]
+    rows = make_table({"default": runs}, ["here"]).splitlines()
+    assert rows[0] == "| | seeds | here median | worst | hand | feasible | RSW | steps |"
+    assert rows[2] == "| default | 3 | 0.900 | 0.500 | 0.100 | 40/41 | 0.40 % | 400 |"
+
+
+def test_nothing_feasible_is_no_number() -> None:
+    table = make_table({"default": [{"rsw": 0.0, "steps": 1, "here": score(None)}]}, ["here"])
+    assert "| default | 1 | none | none | 0.000 |" in table
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "error: artifact.data is not set; expected the folder of the labelled sequences (artifact.data=DIR)"),
+        (["artifact.data=nowhere"], "error: artifact.data=nowhere: has no folder human1; expected one with frames"),
+        (["artifact=table9"], "error: In 'reproduce': Could not find 'artifact/table9'"),
+    ],
+)
+def test_bad_input(command: Command, tmp_path: Path, arguments: Sequence[str], message: str) -> None:
+    ended = command("reproduce", *arguments, f"hydra.run.dir={tmp_path}")
+    assert (ended.status, ended.stderr.count("\n")) == (2, 1)
+    assert ended.stderr.startswith(message)
+
+
+def test_jobs_must_be_positive(command: Command, tmp_path: Path, demonstration_folder: Path) -> None:
+    for name in ("human1", "robot1"):
+        (tmp_path / name).mkdir()
+    ended = command("reproduce", f"artifact.data={tmp_path}", "jobs=0", f"hydra.run.dir={tmp_path / 'run'}")
+    assert (ended.status, ended.stderr) == (2, "error: jobs=0: expected at least 1\n")
+
+
+@pytest.mark.slow
+def test_train_score_and_go_on(
+    command: Command, tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path
+) -> None:
+    data, run = tmp_path / "data", tmp_path / "run"
+    square = [[100, 40], [150, 40], [150, 90], [100, 90]]
+    labels = {"object": [[20, 40], [60, 40], [60, 90], [20, 90]], "target": square, "hand": []}
+    for name in ("human1", "robot1"):
+        shutil.copytree(demonstration_folder, data / name)
+        regions = {"image_size": [160, 120], "frames": {"0": labels, "19": labels}}
+        (data / f"{name}.regions.json").write_text(json.dumps(regions))
+    overrides = [override for override in tiny if not override.startswith(("task.", "logger", "threads"))]
+    artifact = {
+        "name": "tiny",
+        "data": str(data),
+        "train_on": "human1",
+        "test_on": ["human1", "robot1"],
+        "every": 5,
+        "seeds": [3],
+        "rows": {"default": overrides},
+    }
+    (tmp_path / "conf" / "artifact").mkdir(parents=True)
+    (tmp_path / "conf" / "artifact" / "tiny.yaml").write_text(json.dumps(artifact))
+    arguments = ["--config-dir", str(tmp_path / "conf"), "artifact=tiny", "jobs=1", f"hydra.run.dir={run}"]
+    ended = command("reproduce", *arguments)
+    assert ended.status == 0, ended.stderr
+    assert ended.folder == run / "full"
+    scores = json.loads((run / "full" / "default" / "3" / "scores.json").read_text())
+    assert scores["seed"] == 3
+    assert scores["robot1"]["frames"] == 4
+    assert "| default | 1 |" in (run / "full" / "table.md").read_text()
+
+    checkpoint = run / "full" / "default" / "3" / "skill.ckpt"
+    before = checkpoint.stat().st_mtime_ns
+    assert command("reproduce", *arguments).status == 0
+    assert checkpoint.stat().st_mtime_ns == before, "what is done is not done again"
