@@ -101,7 +101,8 @@ def explain(error: BaseException) -> tuple[int, str]:
         if isinstance(cause, InputError):
             return UNUSABLE_INPUT, _one_line(str(cause))
         if isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            place = cause.filename2 or cause.filename or "where the run is written"  # of a move, where to
+            run = HydraConfig.get().runtime.output_dir if HydraConfig.initialized() else "where the run is written"
+            place = cause.filename2 or cause.filename or run  # of a move, where to; of a write, nothing
             return FAILURE, f"{place}: no space left on the disk; nothing that was complete is lost"
     if isinstance(error, OmegaConfBaseException) or type(error).__module__.startswith("hydra"):
         return UNUSABLE_INPUT, _hydra_message(error)
