@@ -86,7 +86,8 @@ def follow_along(
     Returns:
         The moved geometry (equal to the old one where a feature was lost) and a mask of the followed ones. A segment is
         followed when most of its sample points are. Motion of a segment along itself is what its texture shows and thus
-        uncertain (the aperture problem); its length is kept.
+        uncertain (the aperture problem); its length is kept. Flow is smooth: what vanishes in a plain area, and what
+        lies within some pixels of the edge of something that moves past, may count as followed.
     """
     if len(geometry) == 0:
         return geometry.copy(), np.zeros(0, bool)

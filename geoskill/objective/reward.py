@@ -18,7 +18,9 @@ ErrorReduction = Literal["norm", "vector"]
 ErrorChange = Literal["relative", "absolute"]
 
 
-def reward(change: Float[Tensor, "*batch"], beta: float | Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+def reward(
+    change: Float[Tensor, "*batch"], beta: float | Float[Tensor, ""] | Float[Tensor, "*batch"]
+) -> Float[Tensor, "*batch"]:
     """Equation 7, r = 2 / (1 + exp(beta · change)) - 1 in [-1, 1], as -tanh(beta · change / 2), which cannot overflow.
 
     Args:

@@ -109,8 +109,8 @@ def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], tr
 @pytest.mark.parametrize(
     ("kernel", "members", "freedoms"),
     [
-        ("p2l", {"p2l_sift_lbd"}, 1),
-        ("par", {"par_lbd"}, 1),
+        pytest.param("p2l", {"p2l_sift_lbd"}, 1, marks=pytest.mark.slow),
+        pytest.param("par", {"par_lbd"}, 1, marks=pytest.mark.slow),
         ("p2p_l2l", {"p2p_sift", "l2l_lbd"}, 4),
     ],
 )
@@ -127,6 +127,7 @@ def test_kernels_and_ensembles(
     assert set(checkpoint["skill"]["members"]) == members
 
 
+@pytest.mark.slow
 def test_message_passing_learns_too(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     ended = command("train", *tiny, "model=default", "model.hidden_dim=8", f"hydra.run.dir={tmp_path}")
     assert (ended.status, ended.stderr) == (0, "")

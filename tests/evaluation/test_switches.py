@@ -108,10 +108,9 @@ def test_nodes_of_both_types_move_with_the_picture_and_keep_their_places() -> No
 
 
 def test_one_lost_node_loses_the_association() -> None:
-    hidden = PICTURE.copy()
-    hidden[:, 80:] = 128
-    assert follow_nodes((point(40, 50), point(60, 50)), PICTURE, hidden) is not None
-    assert follow_nodes((point(40, 50), point(120, 50)), PICTURE, hidden) is None
+    right = cv2.warpAffine(PICTURE, np.float32([[1, 0, 8], [0, 1, 0]]), (160, 120), borderMode=cv2.BORDER_REFLECT)
+    assert follow_nodes((point(40, 50), point(120, 50)), PICTURE, right) is not None
+    assert follow_nodes((point(40, 50), point(156, 50)), PICTURE, right) is None, "it has left the picture"
 
 
 def test_keeping_the_moving_features_is_no_switch_and_taking_others_is_one() -> None:

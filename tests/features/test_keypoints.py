@@ -2,6 +2,7 @@ import random
 
 import cv2
 import numpy as np
+import pytest
 
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.geometry.primitives import NodeType
@@ -15,22 +16,28 @@ def as_tuples(keypoints: list[cv2.KeyPoint]) -> list[tuple[float, ...]]:
     return [(*k.pt, k.response, k.angle) for k in keypoints]
 
 
-def test_the_strongest_of_each_pixel_is_kept_strongest_first() -> None:
+def test_the_strongest_of_each_corner_is_kept_strongest_first() -> None:
     found = [
         keypoint(3.0, 4.0, 0.25),
-        keypoint(3.25, 3.75, 0.75, angle=90.0),  # the same pixel, stronger
-        keypoint(2.75, 4.25, 0.5),  # the same pixel, weaker
+        keypoint(3.25, 3.75, 0.75, angle=90.0),  # the same corner, stronger
+        keypoint(3.0, 4.125, 0.5),  # the same corner, weaker
         keypoint(4.0, 4.0, 0.125),  # its neighbour
         keypoint(4.0, 3.0, 1.0),
     ]
     assert as_tuples(distinct_keypoints(found)) == [(4, 3, 1, 0), (3.25, 3.75, 0.75, 90), (4, 4, 0.125, 0)]
 
 
-def test_a_pixel_reaches_half_a_pixel_from_its_centre() -> None:
-    one_pixel = [keypoint(6.5625, 7.4375, 1.0), keypoint(7.4375, 6.5625, 0.5)]
-    assert len(distinct_keypoints(one_pixel)) == 1
-    two_pixels = [keypoint(7.4375, 7.0, 1.0), keypoint(7.5625, 7.0, 0.5)]
-    assert len(distinct_keypoints(two_pixels)) == 2
+def test_small_keypoints_are_the_same_within_half_a_pixel() -> None:
+    assert len(distinct_keypoints([keypoint(7.0, 7.0, 1.0), keypoint(7.5, 7.0, 0.5)])) == 1
+    assert len(distinct_keypoints([keypoint(7.0, 7.0, 1.0), keypoint(7.5625, 7.0, 0.5)])) == 2
+
+
+@pytest.mark.parametrize(("stronger", "weaker"), [(31.0, 62.0), (62.0, 31.0)])
+def test_large_keypoints_are_the_same_within_a_share_of_the_larger_one(stronger: float, weaker: float) -> None:
+    """0.05 of 62 px is 3.1 px: what two pyramid levels make of one corner."""
+    first = keypoint(50.0, 50.0, 1.0, size=stronger)
+    assert len(distinct_keypoints([first, keypoint(53.0, 50.0, 0.5, size=weaker)])) == 1
+    assert len(distinct_keypoints([first, keypoint(53.25, 50.0, 0.5, size=weaker)])) == 2
 
 
 def test_the_order_in_which_threads_deliver_does_not_matter() -> None:
