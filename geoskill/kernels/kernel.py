@@ -22,6 +22,7 @@ class Kernel(ABC):
         roles: the type of each of its ``k`` nodes.
         edges: undirected edges between nodes, each once.
         error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
+        unit: of the error, as it is printed; empty where it has none.
         resolution: change of the error's norm that detection can just resolve, in the error's unit; an instance that
             changes by less is at rest.
     """
@@ -31,6 +32,7 @@ class Kernel(ABC):
     roles: ClassVar[tuple[NodeType, ...]]
     edges: ClassVar[tuple[tuple[int, int], ...]]
     error_dim: ClassVar[int]
+    unit: ClassVar[str] = "px"
     resolution: ClassVar[float]
 
     @abstractmethod

@@ -21,6 +21,7 @@ class Parallel(Kernel):
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 1
+    unit: ClassVar[str] = ""
     resolution: ClassVar[float] = 0.02  # one degree, about what a segment of 60 px shows when its ends are 1 px off
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:

@@ -56,7 +56,8 @@ class Association:
         rank: 1 for the instance with the largest select-out of its kernel.
         confidence: the select-out g in [0, 1].
         nodes: the features it joins.
-        error: the kernel's control error in pixels (see the kernel for sign and dimension).
+        error: the kernel's control error (see the kernel for sign and dimension).
+        unit: of the error, as it is printed.
     """
 
     kernel: str
@@ -65,6 +66,7 @@ class Association:
     confidence: float
     nodes: tuple[Node, ...]
     error: tuple[float, ...]
+    unit: str = "px"
 
     @property
     def member(self) -> tuple[str, str]:

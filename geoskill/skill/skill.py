@@ -116,6 +116,7 @@ class Skill:
                     )
                 ),
                 error=tuple(error.tolist()),
+                unit=member.kernel.unit,
             )
 
 

@@ -266,14 +266,14 @@ def _block_heights(scale: _Scale, counts: Sequence[int], available: int) -> tupl
 
 def _draw_block(block: UInt8[np.ndarray, "h w 3"], scale: _Scale, heading: str, shown: Sequence[Association]) -> None:
     size, row, width = 0.43 * scale.unit, scale.px(_ROW), block.shape[1]
-    error = shown[0].error if shown else ()
-    norm = f"|E| = {_pixels(math.hypot(*error))} px" if shown else ""
+    error, unit = (shown[0].error, f" {shown[0].unit}".rstrip()) if shown else ((), "")
+    norm = f"|E| = {_decimals(math.hypot(*error))}{unit}" if shown else ""
     norm_left = width - _print_size(norm, size)[0]
     y = scale.px(20)
     _print(block, _cut(heading, norm_left - scale.px(8), 0.5 * scale.unit), (0, y), 0.5 * scale.unit, _INK)
     _print(block, norm, (norm_left, y), size, _INK)
     y += scale.px(18)
-    components = f"E = ({', '.join(_pixels(value, '+') for value in error)}) px" if shown else "no instance"
+    components = f"E = ({', '.join(_decimals(value, '+') for value in error)}){unit}" if shown else "no instance"
     _print(block, _cut(components, width, size), (0, y), size, _INK)
     y = scale.px(_HEAD)
     capacity = max(1, (len(block) - y) // row)
@@ -292,7 +292,7 @@ def _draw_block(block: UInt8[np.ndarray, "h w 3"], scale: _Scale, heading: str, 
         _print(block, f"and {len(shown) - len(bars)} more", (left, y + row // 2 + scale.px(5)), size, _FAINT_INK)
 
 
-def _pixels(value: float, sign: str = "-") -> str:
+def _decimals(value: float, sign: str = "-") -> str:
     return f"{value:{sign}.1f}" if abs(value) >= 10 else f"{value:{sign}.2f}"
 
 

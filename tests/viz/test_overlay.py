@@ -6,6 +6,7 @@ import pytest
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, Node
+from geoskill.viz import overlay
 from geoskill.viz.overlay import OTHER_COLOURS, TOP_COLOUR, draw_overlay, rank_colour
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
@@ -243,3 +244,19 @@ def test_red_is_the_top_ones_alone() -> None:
     others = [rank_colour(rank) for rank in range(2, 11)]
     assert len({*others, TOP_COLOUR}) == 10
     assert rank_colour(11) == rank_colour(2)
+
+
+def test_an_error_without_unit_is_printed_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    printed: list[str] = []
+    original = overlay._print
+
+    def listening(canvas: np.ndarray, text: str, *rest: object) -> None:
+        printed.append(text)
+        original(canvas, text, *rest)
+
+    monkeypatch.setattr(overlay, "_print", listening)
+    nodes = (Node(NodeType.LINE, (1.0, 1.0, 20.0, 1.0)), Node(NodeType.LINE, (1.0, 9.0, 20.0, 30.0)))
+    for unit in ("", "px"):
+        top = Association("par", "lbd", 1, 0.9, nodes, (0.5,), unit)
+        draw_overlay(np.zeros((60, 80, 3), np.uint8), [], [top], frame_index=0)
+    assert [text for text in printed if text.startswith("|E|")] == ["|E| = 0.50", "|E| = 0.50 px"]
