@@ -25,7 +25,7 @@ def evaluate(cfg: DictConfig) -> None:
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import load_labels, score
-    from geoskill.features.video import read_all
+    from geoskill.features.sources import read_all
 
     quiet_libraries()
     video = required(cfg, "video", "a labelled video file or folder of images")

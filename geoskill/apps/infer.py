@@ -22,7 +22,7 @@ def infer(cfg: DictConfig) -> None:
     from geoskill.apps.inputs import load_skill, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import write_inference
-    from geoskill.features.video import open_frames
+    from geoskill.features.sources import open_frames
 
     quiet_libraries()
     video = required(cfg, "video", "a video file, a folder of images or a camera's number")

@@ -7,7 +7,9 @@ from omegaconf import DictConfig
 
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
-from geoskill.features.video import Camera, FrameSource, open_frames
+from geoskill.features.camera import Camera
+from geoskill.features.frames import FrameSource
+from geoskill.features.sources import open_frames
 from geoskill.skill.skill import Skill
 
 

@@ -12,7 +12,8 @@ import yaml
 
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
-from geoskill.features.video import Camera, Frame, FrameSource
+from geoskill.features.camera import Camera
+from geoskill.features.frames import Frame, FrameSource
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.skill import Skill

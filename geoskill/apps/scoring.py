@@ -8,7 +8,7 @@ from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
 from geoskill.evaluation.regions import Regions, load_regions
-from geoskill.features.video import Frame
+from geoskill.features.frames import Frame
 from geoskill.skill.skill import Skill
 
 

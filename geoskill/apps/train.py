@@ -49,7 +49,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.apps.reporting import write_inference
     from geoskill.apps.scoring import load_labels, score
     from geoskill.features.cache import FeatureCache
-    from geoskill.features.video import read_all
+    from geoskill.features.sources import read_all
     from geoskill.skill.description import build, describe
     from geoskill.skill.skill import Skill, read_checkpoint
     from geoskill.training.callbacks import MetricsTable

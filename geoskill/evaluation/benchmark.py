@@ -10,7 +10,7 @@ from geoskill.errors import InputError
 from geoskill.evaluation.metrics import FrameVerdict, judge_frame, summarise, summarise_ensemble, top_association
 from geoskill.evaluation.regions import Regions
 from geoskill.evaluation.switches import SwitchCounter
-from geoskill.features.video import Frame
+from geoskill.features.frames import Frame
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import InferenceResult
 

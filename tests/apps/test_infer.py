@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from geoskill.apps.reporting import write_inference
-from geoskill.features.video import Frame, FrameSource
+from geoskill.features.frames import Frame, FrameSource
 from geoskill.skill.skill import Skill
 
 Command = Callable[..., Any]

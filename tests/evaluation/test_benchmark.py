@@ -12,7 +12,8 @@ from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
 from geoskill.evaluation.regions import FrameRegions, Region, Regions, load_regions
 from geoskill.features.feature_set import FeatureSet
-from geoskill.features.video import Frame, open_frames
+from geoskill.features.frames import Frame
+from geoskill.features.sources import open_frames
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint

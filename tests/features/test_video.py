@@ -1,10 +1,8 @@
-"""Frame sources on tiny pictures and videos made here; what each bad input says."""
+"""Frames of tiny pictures and videos made here; what each bad input says."""
 
-import time
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from unittest.mock import Mock
 
 import av
 import cv2
@@ -12,7 +10,8 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
-from geoskill.features.video import Camera, Frame, ImageFolder, VideoFile, open_frames, read_all
+from geoskill.features.frames import Frame
+from geoskill.features.video import ImageFolder, VideoFile
 
 HEIGHT, WIDTH = 48, 64
 
@@ -248,93 +247,3 @@ class TestVideoFile:
         path.write_bytes(data)
         with pytest.raises(InputError, match=r"bad\.mp4: the video breaks at frame \d+: cannot be decoded"):
             list(VideoFile(path))
-
-
-class TestCamera:
-    """Camera 3 exists, does not know its rate, gives four pictures and then is unplugged; there is no other."""
-
-    captures: list[Mock]
-
-    @pytest.fixture(autouse=True)
-    def fake(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.captures = []
-        real = cv2.VideoCapture
-
-        def opened(index: int) -> Mock:
-            capture = Mock(spec=real)
-            capture.isOpened.return_value = index == 3
-            capture.get.return_value = 0.0
-            capture.read.side_effect = [(True, plain(9)[:, :, ::-1])] * 4 + [(False, None)]
-            self.captures.append(capture)
-            return capture
-
-        monkeypatch.setattr(cv2, "VideoCapture", opened)
-        times = iter(np.arange(100.0, 200.0, 0.5))
-        monkeypatch.setattr(time, "monotonic", lambda: float(next(times)))
-
-    def all_released(self) -> bool:
-        return all(capture.release.called for capture in self.captures)
-
-    def test_stops_at_max_frames_and_is_released(self) -> None:
-        camera = Camera(3, max_frames=2)
-        assert self.all_released()
-        frames = list(camera)
-        assert [(frame.index, frame.time_s) for frame in frames] == [(0, 0.0), (1, 0.5)]
-        np.testing.assert_array_equal(frames[0].image, plain(9))
-        assert self.all_released()
-        assert camera.frame_rate == 30.0
-        assert camera.name == "camera 3"
-
-    def test_released_when_the_loop_is_left(self) -> None:
-        frames = iter(Camera(3))
-        next(frames)
-        assert not self.all_released()
-        frames.close()  # type: ignore[attr-defined]
-        assert self.all_released()
-
-    def test_unplugged(self) -> None:
-        with pytest.raises(InputError, match="camera 3: no picture after 4 frames"):
-            list(Camera(3))
-
-    def test_cannot_be_opened(self) -> None:
-        with pytest.raises(InputError, match=r"camera 5: cannot be opened; expected the index of a connected camera"):
-            Camera(5)
-        assert self.all_released()
-
-    @pytest.mark.parametrize("source", [3, "3"])
-    def test_named_by_number(self, source: str | int) -> None:
-        assert open_frames(source, frame_rate=15.0).frame_rate == 15.0
-        assert open_frames(source).name == "camera 3"
-
-
-class TestOpenFrames:
-    def test_folder_named_by_digits_is_no_camera(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        (tmp_path / "7").mkdir()
-        write_image(tmp_path / "7" / "1.png", plain(1))
-        monkeypatch.chdir(tmp_path)
-        source = open_frames("7", frame_rate=5.0)
-        assert isinstance(source, ImageFolder)
-        assert source.frame_rate == 5.0
-
-    def test_video_file(self, tmp_path: Path) -> None:
-        source = open_frames(str(write_video(tmp_path / "demo.mp4", noise(3))))
-        assert isinstance(source, VideoFile)
-        assert source.frame_rate == 10.0
-
-    @pytest.mark.parametrize("source", ["nowhere.mp4", "", "-1"])
-    def test_what_does_not_exist(self, source: str) -> None:
-        with pytest.raises(InputError, match=rf"'{source}' does not exist; expected a video \(mp4.*camera's index"):
-            open_frames(source)
-
-
-class TestReadAll:
-    def test_every_frame(self, tmp_path: Path) -> None:
-        for number in range(3):
-            write_image(tmp_path / f"{number}.png", plain(number))
-        frames = read_all(ImageFolder(tmp_path), minimum=3)
-        assert [int(frame.image[0, -1, 0]) for frame in frames] == [0, 1, 2]
-
-    def test_too_few_names_the_source_and_both_numbers(self, tmp_path: Path) -> None:
-        source = VideoFile(write_video(tmp_path / "one.mp4", noise(1)))
-        with pytest.raises(InputError, match=r"one\.mp4: 1 frame\(s\); expected at least 2"):
-            read_all(source)
