@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
+from geoskill.skill.description import describe
+
 CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
 BLOCKS = Path(__file__).resolve().parents[2] / "shared" / "data" / "blocks"
@@ -61,3 +63,18 @@ def small_model() -> dict[str, Any]:
     settings = yaml.safe_load((CONFIGURATION / "model" / "default.yaml").read_text(encoding="utf-8"))
     assert {"hidden_dim", "layers"} <= settings.keys()
     return {**settings, "hidden_dim": 8, "layers": 2}
+
+
+@pytest.fixture(scope="session")
+def description(small_model: dict[str, Any]) -> dict[str, Any]:
+    """A skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a kind and 4 alternatives each."""
+    return describe(
+        {
+            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
+            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
+        },
+        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
+        small_model,
+        {"max_features": 10, "min_side": 0},
+        alternatives=4,
+    )

@@ -6,22 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from geoskill.skill.description import build, describe
-
-
-@pytest.fixture(scope="session")
-def description(small_model: dict[str, Any]) -> dict[str, Any]:
-    """A skill of two members, p2p_sift and p2l_sift_lbd, with four alternatives each."""
-    return describe(
-        {
-            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
-            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
-        },
-        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        small_model,
-        {"max_features": 12, "min_side": 0},
-        alternatives=4,
-    )
+from geoskill.skill.description import build
 
 
 @pytest.fixture(scope="session")

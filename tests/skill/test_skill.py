@@ -262,7 +262,7 @@ def test_a_member_without_instance_leaves_the_others_alone(skill: Skill, frame: 
     skill.pipelines["lbd"].max_features = 0
     result = skill.infer(frame)
     assert [association.kernel for association in result.associations] == ["p2p"] * 4
-    assert result.reasons == {("p2l", "sift+lbd"): "no instance: 12 points, 0 lines found"}
+    assert result.reasons == {("p2l", "sift+lbd"): "no instance: 10 points, 0 lines found"}
     assert result.error.tolist() == list(result.associations[0].error)
 
 

@@ -15,7 +15,7 @@ from lightning import Callback, Trainer
 from geoskill.apps.progress import quiet_libraries
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.skill.description import build, describe
+from geoskill.skill.description import build
 from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint
 from geoskill.training.changes import fit_reward_scale
 from geoskill.training.datamodule import TransitionData
@@ -27,21 +27,6 @@ ADAM = partial(torch.optim.Adam, lr=3e-3)
 
 def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
     return items
-
-
-@pytest.fixture(scope="session")
-def description(small_model: dict[str, Any]) -> dict[str, Any]:
-    """A skill of two members, p2p_sift and p2l_sift_lbd."""
-    return describe(
-        {
-            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
-            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
-        },
-        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        small_model,
-        {"max_features": 10, "min_side": 0},
-        alternatives=3,
-    )
 
 
 class Training:
