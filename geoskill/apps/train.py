@@ -62,7 +62,6 @@ def train(cfg: DictConfig) -> None:
     quiet_libraries()
     if cfg.threads is not None:
         torch.set_num_threads(cfg.threads)
-    torch.manual_seed(cfg.seed)
     folder = Path(HydraConfig.get().runtime.output_dir)
     plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
     description = describe(
@@ -75,7 +74,7 @@ def train(cfg: DictConfig) -> None:
     cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
     objective = instantiate(cfg.objective)
     with refusing("model"):
-        parts = build(description, cache)
+        parts = build(description, cache, cfg.seed)
     loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
     for logger in loggers:
         getattr(logger, "_wandb_init", {}).pop("anonymous", None)  # Lightning always gives it, and wandb then warns

@@ -10,6 +10,7 @@
     alternatives: 10
 """
 
+import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from functools import partial
 from importlib import import_module
 from itertools import product
 from typing import Any, final
+
+import torch
 
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
@@ -83,8 +86,11 @@ def describe(
     }
 
 
-def build(description: Mapping[str, Any], cache: FeatureCache | None = None) -> SkillParts:
+def build(description: Mapping[str, Any], cache: FeatureCache | None = None, seed: int = 0) -> SkillParts:
     """The objects of a description; the networks have fresh weights.
+
+    These depend on the seed and the member's name, not on what other members there are or on what was drawn before.
+    PyTorch's own generator is left as it was.
 
     Raises:
         InputError: when the description is of another format or names anything outside this package.
@@ -101,7 +107,9 @@ def build(description: Mapping[str, Any], cache: FeatureCache | None = None) -> 
         kernel = _kernel(settings["kernel"])
         extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
         dims = {kind: pipelines[extractor].extractor.descriptor_dim for kind, extractor in extractors.items()}
-        scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))
+        with torch.random.fork_rng(devices=[]):
+            torch.default_generator.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
+            scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))
         members[name] = KernelModel(kernel, extractors, scorer)
     return SkillParts(members, pipelines, int(description["alternatives"]))
 

@@ -106,6 +106,19 @@ def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], tr
     assert associations(other.folder) != associations(trained.folder)
 
 
+def test_a_member_of_an_ensemble_learns_what_it_learns_alone(
+    command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
+) -> None:
+    together = command("train", *tiny, "descriptor=[orb,sift]", f"hydra.run.dir={tmp_path}")
+    assert together.status == 0, together.stderr
+    alone, both = (
+        torch.load(ended.folder / "skill.ckpt", weights_only=True)["state_dict"] for ended in (trained, together)
+    )
+    assert list(dict.fromkeys(key.split(".")[1] for key in both)) == ["p2p_orb", "p2p_sift"]
+    for key, weight in alone.items():
+        assert torch.equal(both[key], weight), key
+
+
 @pytest.mark.parametrize(
     ("kernel", "members", "freedoms"),
     [

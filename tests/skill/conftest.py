@@ -12,8 +12,7 @@ from geoskill.skill.description import build
 @pytest.fixture(scope="session")
 def checkpoint(description: dict[str, Any]) -> dict[str, Any]:
     """What a training run stores, as far as a skill needs it."""
-    torch.manual_seed(3)
-    members = build(description).members
+    members = build(description, seed=3).members
     for member in members.values():
         member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
     weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}

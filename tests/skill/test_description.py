@@ -137,15 +137,34 @@ def test_it_survives_a_checkpoint(tmp_path: Path) -> None:
     torch.save(description, tmp_path / "description.pt")
     back = torch.load(tmp_path / "description.pt", weights_only=True)
     assert back == description
-    torch.manual_seed(0)
-    one = build(description).members
-    torch.manual_seed(0)
-    two = build(back).members
+    one, two = build(description).members, build(back).members
     assert list(one) == list(two)
     for name, member in one.items():
         assert isinstance(member.scorer, Bilinear)
         for key, weight in member.state_dict().items():
             assert torch.equal(weight, two[name].state_dict()[key])
+
+
+def weights(description: dict[str, Any], member: str, seed: int) -> torch.Tensor:
+    scorer = build(description, seed=seed).members[member].scorer
+    return torch.nn.utils.parameters_to_vector(scorer.parameters()).detach()
+
+
+def test_fresh_weights_depend_on_the_seed_and_the_name_of_the_member_only() -> None:
+    alone = described(["p2p"], ["sift"])
+    expected = weights(alone, "p2p_sift", seed=5)
+    torch.rand(3)  # whatever was drawn before
+    assert torch.equal(weights(alone, "p2p_sift", seed=5), expected)
+    assert torch.equal(weights(described(["l2l", "p2p"], ["orb", "sift", "lbd"]), "p2p_sift", seed=5), expected)
+    assert not torch.isclose(weights(alone, "p2p_sift", seed=6), expected).any()
+    renamed = {**alone, "members": {"another": alone["members"]["p2p_sift"]}}
+    assert not torch.isclose(weights(renamed, "another", seed=5), expected).any()
+
+
+def test_building_leaves_the_random_numbers_of_others_alone() -> None:
+    before = torch.get_rng_state()
+    build(described(["p2p"], ["sift"]), seed=5)
+    assert torch.equal(torch.get_rng_state(), before)
 
 
 def test_building_leaves_the_description_alone() -> None:

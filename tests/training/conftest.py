@@ -30,7 +30,7 @@ def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
 
 
 class Training:
-    """Runs that learn from one demonstration; each starts from the same weights, whatever other members there are."""
+    """Runs that learn from one demonstration, all from the same weights."""
 
     def __init__(self, frames: Sequence[np.ndarray], description: Mapping[str, Any]) -> None:
         self.description = description
@@ -41,12 +41,7 @@ class Training:
 
     def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:
         """Untrained ones."""
-        members = {}
-        for name, settings in self.description["members"].items():
-            torch.manual_seed(1)
-            alone = {**self.description, "members": {name: settings}, "model": model or self.description["model"]}
-            members |= build(alone).members
-        return members
+        return build({**self.description, "model": model or self.description["model"]}, seed=1).members
 
     def module(
         self,
