@@ -119,10 +119,11 @@ class SkillTraining(LightningModule):
         gradient_clip_val: float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Clip the gradient's norm of each member by itself."""
+        """Clip the gradient of each member by itself: its norm, or with the algorithm ``value`` its components."""
         if gradient_clip_val:
+            clip = nn.utils.clip_grad_value_ if gradient_clip_algorithm == "value" else nn.utils.clip_grad_norm_
             for member in self.members.values():
-                nn.utils.clip_grad_norm_(member.parameters(), gradient_clip_val)
+                clip(member.parameters(), gradient_clip_val)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Store what is needed to build the members again, as plain values."""

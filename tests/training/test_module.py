@@ -106,13 +106,23 @@ def gradient_norm(module: nn.Module) -> float:
     return float(torch.cat([p.grad.flatten() for p in module.parameters() if p.grad is not None]).norm())
 
 
-def test_the_trainer_clips_too(training: Training, tmp_path: Path) -> None:
-    descent = partial(torch.optim.SGD, lr=1.0)
-    module = training.module(optimizer=descent)
+@pytest.mark.parametrize(("algorithm", "limit", "order"), [("norm", 1e-3, 2), ("value", 1e-5, float("inf"))])
+def test_the_trainer_clips_by_norm_or_by_value(
+    training: Training, tmp_path: Path, algorithm: str, limit: float, order: float
+) -> None:
+    """Plain descent of rate 1 moves the weights by the clipped gradient."""
+    module = training.module(optimizer=partial(torch.optim.SGD, lr=1.0))
     before = {name: flat(member) for name, member in module.members.items()}
-    training.run(module, tmp_path, epochs=1, limit_train_batches=1, gradient_clip_val=1e-3)
+    training.run(
+        module,
+        tmp_path,
+        epochs=1,
+        limit_train_batches=1,
+        gradient_clip_val=limit,
+        gradient_clip_algorithm=algorithm,
+    )
     for name, member in module.members.items():
-        assert float((flat(member) - before[name]).norm()) == pytest.approx(1e-3, rel=1e-2)
+        assert float((flat(member) - before[name]).norm(order)) == pytest.approx(limit, rel=1e-2)
 
 
 def test_the_reward_scale_is_part_of_the_checkpoint(training: Training, tmp_path: Path) -> None:
