@@ -16,12 +16,14 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
     """The labelled regions of these frames, of which every so many are to be judged.
 
     Raises:
-        InputError: when the regions do not fit the frames.
+        InputError: when the regions do not fit the frames, or cover none that is to be judged.
     """
     if every < 1:
         raise InputError(f"every={every}: expected at least 1")
     height, width = frames[0].image.shape[:2]
-    return load_regions(path, (width, height), len(frames))
+    regions = load_regions(path, (width, height), len(frames))
+    regions.require_judged(len(frames), every)
+    return regions
 
 
 def score(

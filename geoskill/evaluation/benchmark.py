@@ -53,7 +53,8 @@ def evaluate_frames(
         and ``switched``, None where the transition from the frame judged before is not comparable. Plain types only.
 
     Raises:
-        InputError: when ``every`` is below 1, the frames are not of the size that was labelled, or none is labelled.
+        InputError: when ``every`` is below 1, the frames are not of the size that was labelled, or none of
+            those to be judged is labelled.
     """
     if every < 1:
         raise InputError(f"every={every}: expected at least 1")
@@ -82,11 +83,7 @@ def evaluate_frames(
             switched = counters[name].judge(top_association(result, kernel, descriptor))
             verdicts[name].append(verdict)
             rows.append(_row(verdict, kernel, descriptor, switched))
-    if not rows:
-        raise InputError(
-            f"{regions.name}: labels frames {regions.first_frame} to {regions.last_frame}; expected them to cover some "
-            f"of the {seen} frames of the video that were to be judged (every={every})"
-        )
+    regions.require_judged(seen, every)
     figures = {name: summarise(verdicts[name], counters[name].count) for name in names}
     return {**summarise_ensemble(figures), "unlabelled_frames": unlabelled}, rows
 

@@ -124,6 +124,14 @@ class Regions:
                 "the video, since polygons are pixels of its native frames"
             )
 
+    def require_judged(self, frame_count: int, every: int) -> None:
+        """Raises InputError unless some of the frames 0, every, 2 * every, ... of so many has regions."""
+        if not any(self.first_frame <= frame <= self.last_frame for frame in range(0, frame_count, every)):
+            raise InputError(
+                f"{self.name}: labels frames {self.first_frame} to {self.last_frame}; expected them to cover some of "
+                f"the {frame_count} frames of the video that were to be judged (every={every})"
+            )
+
 
 def load_regions(
     path: str | Path, image_size: tuple[int, int] | None = None, frame_count: int | None = None

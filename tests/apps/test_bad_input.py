@@ -193,6 +193,8 @@ def test_regions_that_do_not_fit_are_refused_before_training(refused: Callable[.
         refused(2, [f"task.regions={path}"], str(path), *words)
     path.write_text(json.dumps({"image_size": [160, 120], "frames": {"0": frame}}))
     refused(2, [f"task.regions={path}", "task.every=0"], "every=0", "at least 1")
+    path.write_text(json.dumps({"image_size": [160, 120], "frames": {"3": frame, "4": frame}}))
+    refused(2, [f"task.regions={path}", "task.every=5"], str(path), "labels frames 3 to 4", "20 frames", "every=5")
 
 
 def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, tmp_path: Path) -> None:

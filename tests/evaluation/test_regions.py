@@ -146,6 +146,16 @@ def test_the_video_is_checked_where_it_is_known(tmp_path: Path) -> None:
         load_regions(path, (48, 64))
 
 
+def test_some_frame_to_be_judged_must_be_covered(tmp_path: Path) -> None:
+    regions = load_regions(write(tmp_path, labels({"6": frame(), "9": frame()})))
+    regions.require_judged(7, every=3)
+    regions.require_judged(100, every=8)  # frame 8 lies between the two
+    for frame_count, every in ((6, 3), (100, 5), (0, 1)):
+        message = rf"labels\.json: labels frames 6 to 9; .* the {frame_count} frames .* \(every={every}\)"
+        with pytest.raises(InputError, match=message):
+            regions.require_judged(frame_count, every)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
