@@ -208,7 +208,13 @@ def test_the_paper_taken_literally() -> None:
         first_samples=1000,
         second_samples=1000,
     )
+    # Section IV-A, training and results.
     assert cfg.features.max_features == 60
+    assert (cfg.inference.alternatives, cfg.inference.minimum_confidence) == (10, 0.1)
+    # Of what the paper does not have, nothing: every change of state once an iteration, pictures as they are.
+    assert (cfg.trainer.limit_train_batches, cfg.trainer.gradient_clip_val) == (None, None)
+    assert cfg.early_stopping.patience is None
+    assert cfg.features.min_side == 0
     assert (cfg.demonstration.gap, cfg.demonstration.horizon, cfg.demonstration.batch_size) == (1, 0, 1)
     assert (cfg.demonstration.descriptor_noise, cfg.demonstration.feature_dropout) == (0, 0)
 

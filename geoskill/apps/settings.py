@@ -16,7 +16,16 @@ FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
 OPTIONAL = ("early_stopping.patience", "trainer.gradient_clip_val", "trainer.limit_train_batches")
 # What is expected where the default does not tell: it is null, or one of two kinds of numbers.
-EXAMPLES = {"threads": 2, "frame_rate": 30.0, "task.frame_rate": 30.0, "trainer.limit_train_batches": 25.0}
+EXAMPLES = {
+    "threads": 2,
+    "frame_rate": 30.0,
+    "task.frame_rate": 30.0,
+    "trainer.limit_train_batches": 25.0,
+    "trainer.gradient_clip_val": 1.0,
+    "early_stopping.patience": 8,
+}
+# A whole number counts, a fraction is a share: neither may become the other.
+COUNT_OR_SHARE = ("trainer.limit_train_batches",)
 
 
 def check_kinds(cfg: DictConfig) -> None:
@@ -34,7 +43,8 @@ def check_kinds(cfg: DictConfig) -> None:
     for key, default in _leaves(OmegaConf.to_container(defaults)):
         if key in given and key not in FREE:
             check_kind(key, given[key], default)
-            if isinstance(given[key], int) and isinstance(EXAMPLES.get(key) if default is None else default, float):
+            real = isinstance(EXAMPLES.get(key) if default is None else default, float) and key not in COUNT_OR_SHARE
+            if isinstance(given[key], int) and real:
                 OmegaConf.update(cfg, key, float(given[key]))
 
 

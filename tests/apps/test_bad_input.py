@@ -127,6 +127,18 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
     refused(2, [override], *words)
 
 
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("early_stopping.patience=x", ["early_stopping.patience=x", "a whole number such as 8 or null"]),
+        ("trainer.gradient_clip_val=x", ["trainer.gradient_clip_val=x", "a number such as 1 or null"]),
+        ("trainer.limit_train_batches=x", ["trainer.limit_train_batches=x", "a number such as 25 or null"]),
+    ],
+)
+def test_what_the_paper_does_without(refused: Callable[..., None], override: str, words: Sequence[str]) -> None:
+    refused(2, ["experiment=paper", override], *words)
+
+
 @pytest.mark.slow
 def test_a_choice(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     # As a process, since within the tests the types are checked before the program does.

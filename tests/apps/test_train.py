@@ -140,6 +140,14 @@ def test_kernels_and_ensembles(
     assert set(checkpoint["skill"]["members"]) == members
 
 
+def test_the_papers_choices_learn_too(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    # The choices of `tiny` win over those of the experiment: a small network, and three transitions an epoch.
+    ended = command("train", *tiny, "experiment=paper", f"hydra.run.dir={tmp_path}")
+    assert (ended.status, ended.stderr) == (0, "")
+    check_associations(associations(tmp_path), FRAMES)
+    assert json.loads((tmp_path / "metrics.json").read_text())["steps"] == 6
+
+
 @pytest.mark.slow
 def test_message_passing_learns_too(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     ended = command("train", *tiny, "model=default", "model.hidden_dim=8", f"hydra.run.dir={tmp_path}")
