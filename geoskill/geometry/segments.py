@@ -1,8 +1,7 @@
-"""Segments and the lines that carry them, as homogeneous coordinates.
+"""Length, direction and midpoint of segments ``[x1, y1, x2, y2]``, which stand for the lines that carry them.
 
-A segment ``[x1, y1, x2, y2]`` has no carrier line when its end points coincide. Every function here stays finite in
-value and gradient then, and says what it returns; shorter than :data:`DEGENERATE_LENGTH_PX` counts as coincident.
-Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 2.2 (a line as the cross product of two points).
+A segment has no carrier line when its end points coincide. Every function here stays finite in value and gradient
+then, and says what it returns; shorter than :data:`DEGENERATE_LENGTH_PX` counts as coincident.
 """
 
 from typing import Final
@@ -56,20 +55,3 @@ def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
     # The divisor is replaced before dividing: masking the quotient afterwards would leave NaN in its gradient.
     divisor = torch.where(degenerate, 1.0, length(segment)[:, None])
     return torch.where(degenerate, 0.0, vector / divisor)
-
-
-def carrier_line(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 3"]:
-    """Homogeneous line l through both end points, scaled so that (l1, l2) is a unit normal.
-
-    For a point x = (u, v, 1), lᵀx is then its signed distance in pixels: positive to the right of the walk from the
-    first end point to the second as seen on the screen (x right, y down). Exchanging the end points flips l. A
-    degenerate segment has the line (0, 0, 0).
-
-    The line y = 3 walked to the right; a point below it on the screen is on the positive side:
-
-    >>> carrier_line(torch.tensor([[0.0, 3.0, 5.0, 3.0]]))
-    tensor([[-0.,  1., -3.]])
-    """
-    along = direction(segment)
-    normal = torch.stack([-along[:, 1], along[:, 0]], dim=1)
-    return torch.cat([normal, -(normal * segment[:, :2]).sum(dim=1, keepdim=True)], dim=1)

@@ -3,30 +3,8 @@
 Pixel coordinates have the centre of the top left pixel at (0, 0): that pixel covers -0.5 to 0.5.
 """
 
-from typing import TypeVar
-
 import numpy as np
 from jaxtyping import Float
-from torch import Tensor
-
-ArrayT = TypeVar("ArrayT", np.ndarray, Tensor)
-
-
-def apply_homography(homography: Float[ArrayT, "3 3"], points: Float[ArrayT, "n 2"]) -> Float[ArrayT, "n 2"]:
-    """Map points by x' ~ H x, arrays or tensors alike, dtype and device kept; differentiable on tensors.
-
-    Independent of the scale and sign of H. A point that H sends to infinity (third coordinate 0) gets coordinates
-    that are not finite. Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 2.3.
-
-    A perspective that halves everything at x = 2:
-
-    >>> apply_homography(np.array([[1.0, 0, 0], [0, 1, 0], [0.5, 0, 1]]), np.array([[2.0, 6.0], [0.0, 6.0]]))
-    array([[1., 3.],
-           [0., 6.]])
-    """
-    mapped = points @ homography[:, :2].T + homography[:, 2]
-    points_on_plane: Float[ArrayT, "n 2"] = mapped[:, :2] / mapped[:, 2:]
-    return points_on_plane
 
 
 def rescale_points(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from geoskill.geometry.control_errors import error_norm, line_to_line, parallel, point_to_line, point_to_point
-from geoskill.geometry.segments import carrier_line, length, reversed_ends
+from geoskill.geometry.segments import length, reversed_ends
 
 few_examples = settings(max_examples=40, deadline=None)
 
@@ -47,6 +47,17 @@ def slid(segment: Tensor, start: float, end: float) -> Tensor:
     return torch.cat([segment[:, :2] + start * along, segment[:, :2] + end * along], dim=1)
 
 
+def homogeneous_line(segment: Tensor) -> Tensor:
+    """The line through both end points, their cross product (Hartley and Zisserman, section 2.2).
+
+    Scaled so that (l1, l2) is a unit normal, which points to the right of the walk from the first end to the second.
+    """
+    one = torch.ones(1, 1, dtype=torch.float64)
+    ends = (torch.cat([end, one], dim=1) for end in (segment[:, :2], segment[:, 2:]))
+    line = torch.linalg.cross(*ends)
+    return line / line[:, :2].norm()
+
+
 def test_error_norm_is_euclidean() -> None:
     assert error_norm(torch.tensor([[3.0, -4.0], [0.0, 0.0]])).tolist() == [5.0, 0.0]
     assert error_norm(torch.tensor([[-2.0], [3.0]])).tolist() == [2.0, 3.0]
@@ -76,7 +87,7 @@ def test_point_to_line_is_a_signed_pixel_distance() -> None:
 @few_examples
 @given(points, segments)
 def test_point_to_line_equals_the_homogeneous_form_of_any_scale(x: Tensor, segment: Tensor) -> None:
-    line = -7.3 * carrier_line(segment)
+    line = -7.3 * homogeneous_line(segment)
     homogeneous = torch.cat([2.5 * x, row(2.5)], dim=1)
     expected = (line * homogeneous).sum() / (2.5 * line[:, :2].norm())
     assert float(point_to_line(x, segment)) == pytest.approx(-float(expected), abs=1e-6)
@@ -95,7 +106,7 @@ def test_point_to_line_depends_only_on_the_oriented_carrier(x: Tensor, s: Tensor
 def test_point_to_line_is_zero_exactly_on_the_carrier(segment: Tensor, position: float, offset: float) -> None:
     on_carrier = slid(segment, position, position + 1)[:, :2]
     assert abs(float(point_to_line(on_carrier, segment))) < 1e-9
-    beside = on_carrier + offset * carrier_line(segment)[:, :2]
+    beside = on_carrier + offset * homogeneous_line(segment)[:, :2]
     assert float(point_to_line(beside, segment)) == pytest.approx(offset, abs=1e-6)
 
 

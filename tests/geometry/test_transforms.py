@@ -1,49 +1,14 @@
-"""Homographies and the pixel-centre convention of resizing."""
+"""The pixel-centre convention of resizing."""
 
 import cv2
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geoskill.geometry.transforms import apply_homography, rescale_points
+from geoskill.geometry.transforms import rescale_points
 
 few_examples = settings(max_examples=40, deadline=None)
-
-
-def test_homography_of_a_shift_a_scaling_and_a_perspective() -> None:
-    points = np.array([[2.0, 6.0], [0.0, -1.0]])
-    shift = np.array([[1.0, 0, 3], [0, 1, -2], [0, 0, 1]])
-    np.testing.assert_array_equal(apply_homography(shift, points), [[5, 4], [3, -3]])
-    np.testing.assert_array_equal(apply_homography(np.diag([2.0, 3, 1]), points), [[4, 18], [0, -3]])
-    perspective = np.array([[1.0, 0, 0], [0, 1, 0], [0.5, 0, 1]])
-    np.testing.assert_array_equal(apply_homography(perspective, points), [[1, 3], [0, -1]])
-
-
-def test_homography_agrees_with_opencv_and_between_arrays_and_tensors() -> None:
-    rng = np.random.default_rng(0)
-    homography = np.eye(3) + 1e-3 * rng.normal(size=(3, 3))
-    points = rng.uniform(0, 640, (50, 2))
-    expected = cv2.perspectiveTransform(points[:, None], homography)[:, 0]
-    np.testing.assert_allclose(apply_homography(homography, points), expected, rtol=1e-12)
-    mapped = apply_homography(torch.from_numpy(homography), torch.from_numpy(points))
-    np.testing.assert_allclose(mapped.numpy(), expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize("scale", [-1.0, 1e-3, 40.0])
-def test_homography_does_not_depend_on_its_homogeneous_scale(scale: float) -> None:
-    homography = np.array([[1.1, 0.1, 3], [-0.2, 0.9, 5], [1e-3, 2e-3, 1]])
-    points = np.array([[10.0, 20.0], [300.0, 7.0]])
-    np.testing.assert_allclose(apply_homography(scale * homography, points), apply_homography(homography, points))
-
-
-def test_homography_is_differentiable_and_keeps_the_dtype() -> None:
-    homography = torch.tensor([[1.1, 0.1, 3], [-0.2, 0.9, 5], [1e-3, 2e-3, 1]], dtype=torch.float64)
-    points = torch.tensor([[10.0, 20.0], [300.0, 7.0]], dtype=torch.float64)
-    assert torch.autograd.gradcheck(apply_homography, (homography.requires_grad_(), points.requires_grad_()))
-    assert apply_homography(homography.detach().float(), points.detach().float()).dtype == torch.float32
-    assert apply_homography(np.eye(3, dtype=np.float32), np.ones((1, 2), np.float32)).dtype == np.float32
 
 
 def centroid(image: np.ndarray) -> np.ndarray:
