@@ -2,14 +2,13 @@
 
 import importlib
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import ClassVar, final
+from typing import ClassVar
 
 import pytest
 import torch
-from torch import Tensor
 
 import geoskill.kernels.kernel
 from geoskill.geometry.primitives import NodeType
@@ -101,18 +100,11 @@ def test_the_size_of_the_control_error_does_not_depend_on_the_order_of_like_node
 
 
 def made_up(kernel_roles: Sequence[NodeType], kernel_edges: Sequence[tuple[int, int]]) -> type[Kernel]:
-    @final
+    """A motif and nothing else: abstract, since it is asked for no instance and no error."""
+
     class MadeUp(Kernel):
-        name: ClassVar[str] = "made up"
         roles: ClassVar[tuple[NodeType, ...]] = tuple(kernel_roles)
         edges: ClassVar[tuple[tuple[int, int], ...]] = tuple(kernel_edges)
-        error_dim: ClassVar[int] = 1
-
-        def instances(self, counts: Mapping[NodeType, int]) -> Tensor:
-            raise NotImplementedError
-
-        def control_error(self, nodes: Sequence[Tensor]) -> Tensor:
-            raise NotImplementedError
 
     return MadeUp
 
