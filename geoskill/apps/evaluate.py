@@ -5,9 +5,10 @@ import json
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps.command import run_command
+from geoskill.errors import InputError
 
 
 def main() -> None:
@@ -21,21 +22,36 @@ def evaluate(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.apps.inputs import load_skill, open_recording, required
+    from geoskill.apps.footage import simulated_footage, video_footage
+    from geoskill.apps.inputs import array_store, load_skill, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
-    from geoskill.apps.scoring import load_labels, score
-    from geoskill.features.sources import read_all
+    from geoskill.apps.scoring import score
 
     quiet_libraries()
-    video = required(cfg, "video", "a labelled video file or folder of images")
-    regions_path = required(cfg, "regions", "a JSON file of labelled regions")
+    simulated = "task" in cfg and cfg.task is not None
+    if simulated and not (cfg.video is None and cfg.regions is None):
+        raise InputError("task and video are both set; expected a simulated task, or video=… regions=…")
+    if not simulated:
+        required(cfg, "video", "a labelled video file or folder of images, or task=… for a simulated one")
+        required(cfg, "regions", "a JSON file of labelled regions")
+    if cfg.every < 1:
+        raise InputError(f"every={cfg.every}: expected at least 1")
     skill = load_skill(cfg)
-    frames = read_all(open_recording(video, cfg.frame_rate), minimum=1)
-    figures, rows = score(skill, frames, load_labels(str(regions_path), frames, cfg.every), cfg.every)
+    if simulated:
+        seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
+        take = HydraConfig.get().runtime.choices["scenario"]
+        footage = simulated_footage(cfg.task, cfg.scenario, seed, take, array_store(cfg))
+    else:
+        video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
+        footage = video_footage(OmegaConf.create(video), minimum=1)
+    assert footage.labels is not None
+    figures, rows = score(skill, footage.frames, footage.labels, cfg.every)
     folder = Path(HydraConfig.get().runtime.output_dir)
     with replacing(folder / "metrics.json") as file:
-        json.dump({"skill": str(cfg.skill), "video": str(video), "every": cfg.every, **figures}, file, indent=2)
+        json.dump(
+            {"skill": str(cfg.skill), "video": footage.source.name, "every": cfg.every, **figures}, file, indent=2
+        )
     with replacing(folder / "verdicts.csv") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
+from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.camera import Camera
@@ -47,5 +48,10 @@ def load_skill(cfg: DictConfig) -> Skill:
         torch.zeros(1, device=cfg.device)
     except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without that device
         raise InputError(f"device={cfg.device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
-    cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
-    return Skill.load(str(path), device=cfg.device, cache=cache)
+    store = array_store(cfg)
+    return Skill.load(str(path), device=cfg.device, cache=None if store is None else FeatureCache(store))
+
+
+def array_store(cfg: DictConfig) -> ArrayStore | None:
+    """Where features and recordings are kept between runs, if they are."""
+    return ArrayStore(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None

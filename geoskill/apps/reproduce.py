@@ -71,6 +71,7 @@ def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, override
     if not (run / "metrics.json").is_file():
         _python(
             "geoskill.apps.train",
+            "task=video",
             f"task.path={data / artifact['train_on']}",
             f"seed={seed}",
             "threads=1",

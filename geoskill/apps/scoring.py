@@ -7,6 +7,7 @@ from typing import Any
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
+from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions, load_regions
 from geoskill.features.frames import Frame
 from geoskill.skill.skill import Skill
@@ -27,7 +28,7 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
 
 
 def score(
-    skill: Skill, frames: Sequence[Frame], regions: Regions, every: int
+    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Figures over all judged frames, and a row for each member and judged frame.
 
@@ -37,7 +38,7 @@ def score(
     return evaluate_frames(
         frames,
         skill.infer,
-        regions,
+        labels,
         [(member.kernel, member.descriptor) for member in skill.members.values()],
         every=every,
         progress=lambda items: show_progress(items, "judging frames", total=len(frames)),

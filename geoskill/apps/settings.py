@@ -14,7 +14,12 @@ from geoskill.errors import InputError
 # Values of several kinds, which Lightning checks itself.
 FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
-OPTIONAL = ("early_stopping.patience", "trainer.gradient_clip_val", "trainer.limit_train_batches")
+OPTIONAL = (
+    "early_stopping.patience",
+    "trainer.gradient_clip_val",
+    "trainer.limit_train_batches",
+    "weight_averaging",
+)
 # What is expected where the default does not tell: it is null, or one of two kinds of numbers.
 EXAMPLES = {
     "threads": 2,
@@ -23,6 +28,7 @@ EXAMPLES = {
     "trainer.limit_train_batches": 25.0,
     "trainer.gradient_clip_val": 1.0,
     "early_stopping.patience": 8,
+    "weight_averaging": 0.99,
 }
 # A whole number counts, a fraction is a share: neither may become the other.
 COUNT_OR_SHARE = ("trainer.limit_train_batches",)

@@ -35,21 +35,22 @@ def train(cfg: DictConfig) -> None:
     Raises:
         InputError: for whatever the configuration or the demonstration has wrong.
     """
-    if cfg.task.path is None:
+    simulated = "scene" in cfg.task
+    if not simulated and cfg.task.path is None:
         raise InputError(
             "task.path is not set; expected a demonstration: python train.py task=video task.path=DIR_OR_FILE"
-            " (a folder of images or a video file; the simulated tasks are not part of this version)"
+            " (a folder of images or a video file)"
         )
     _check_ranges(cfg)
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
     import torch
 
-    from geoskill.apps.inputs import open_recording
+    from geoskill.apps.footage import DEMONSTRATION, simulated_footage, video_footage
+    from geoskill.apps.inputs import array_store
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
-    from geoskill.apps.scoring import load_labels, score
+    from geoskill.apps.scoring import score
     from geoskill.features.cache import FeatureCache
-    from geoskill.features.sources import read_all
     from geoskill.skill.description import build, describe
     from geoskill.skill.skill import Skill, read_checkpoint
     from geoskill.training.callbacks import MetricsTable
@@ -67,11 +68,14 @@ def train(cfg: DictConfig) -> None:
     description = describe(
         plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
     )
+    if simulated:  # the seed by which other recordings show the same things
+        description["learned_from"] = {"task": HydraConfig.get().runtime.choices["task"], "seed": cfg.seed}
     stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
     if stored is not None:
         _check_same_skill(cfg, stored, description)
 
-    cache = FeatureCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
+    store = array_store(cfg)
+    cache = None if store is None else FeatureCache(store)
     objective = instantiate(cfg.objective)
     with refusing("model"):
         parts = build(description, cache, cfg.seed)
@@ -98,11 +102,11 @@ def train(cfg: DictConfig) -> None:
     with refusing("optimizer"):
         module.configure_optimizers()  # Lightning does it again, but only when all features are extracted
 
-    source = open_recording(cfg.task.path, cfg.task.frame_rate)
-    frames = read_all(source, minimum=cfg.demonstration.gap + 1)
-    regions = None
-    if cfg.task.regions is not None:
-        regions = load_labels(str(cfg.task.regions), frames, cfg.task.every)
+    if simulated:
+        footage = simulated_footage(cfg.task, cfg.scenario, cfg.seed, DEMONSTRATION, store)
+    else:
+        footage = video_footage(cfg.task, minimum=cfg.demonstration.gap + 1)
+    source, frames = footage.source, footage.frames
     demonstration = Demonstration(
         [frame.image for frame in frames],
         parts.pipelines,
@@ -126,8 +130,8 @@ def train(cfg: DictConfig) -> None:
     skill = Skill(parts)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
-    if regions is not None:
-        figures, _ = score(skill, frames, regions, cfg.task.every)
+    if footage.labels is not None:
+        figures, _ = score(skill, frames, footage.labels, cfg.task.every)
         figures["judged_frames"] = figures["frames"]
         # Figures of training and of all frames keep their meaning, labelled or not.
         metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
@@ -146,21 +150,24 @@ def _check_ranges(cfg: DictConfig) -> None:
         value = OmegaConf.select(cfg, key)
         if value is not None and value < lowest:
             raise InputError(f"{key}={value}: expected {expected}")
-    if not 0 <= cfg.demonstration.feature_dropout < 1:
-        raise InputError(
-            f"demonstration.feature_dropout={cfg.demonstration.feature_dropout}: expected 0 or more, below 1"
-        )
+    for key in ("demonstration.feature_dropout", "weight_averaging"):
+        value = OmegaConf.select(cfg, key)
+        if value is not None and not 0 <= value < 1:
+            raise InputError(f"{key}={value}: expected 0 or more, below 1")
     for key in ("max_epochs", "limit_train_batches"):
         if cfg.trainer.get(key) == 0:
             raise InputError(f"trainer.{key}=0: expected at least 1")
 
 
 def _callbacks(cfg: DictConfig, folder: Path) -> list[Any]:
-    from lightning.pytorch.callbacks import EarlyStopping
+    from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
 
     from geoskill.training.callbacks import ResumableCheckpoint
 
     callbacks: list[Any] = [ResumableCheckpoint(folder / CHECKPOINT)]
+    if cfg.weight_averaging is not None:
+        # Buffers are fitted statistics, which have no average.
+        callbacks.append(EMAWeightAveraging(decay=cfg.weight_averaging, use_buffers=False))
     if cfg.early_stopping.patience is not None:
         callbacks.append(
             EarlyStopping(

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.errors import InputError
+from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.metrics import FrameVerdict, judge_frame, summarise, summarise_ensemble, top_association
-from geoskill.evaluation.regions import Regions
 from geoskill.evaluation.switches import SwitchCounter
 from geoskill.features.frames import Frame
 from geoskill.kernels.kernel import Kernel
@@ -31,7 +31,7 @@ def member_name(kernel: Kernel, descriptor: str) -> str:
 def evaluate_frames(
     frames: Iterable[Frame],
     infer: Infer,
-    regions: Regions,
+    regions: Labels,
     members: Sequence[tuple[Kernel, str]],
     every: int = 1,
     progress: Progress = silent,
@@ -97,6 +97,8 @@ def _row(verdict: FrameVerdict, kernel: Kernel, descriptor: str, switched: bool 
         "feasible": verdict.feasible,
         "correct": verdict.correct,
         "hits_hand": verdict.hits_hand,
+        "strict": verdict.strict,
+        "goal_error_mm": None if verdict.goal is None or verdict.goal.error_m is None else 1000 * verdict.goal.error_m,
         "confidence": verdict.confidence,
         "rsw": verdict.rsw,
         "switched": switched,

@@ -5,11 +5,15 @@ Points count by themselves, lines by their midpoints. Frames whose features allo
 and left out of the accuracy.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any, final
 
-from geoskill.evaluation.regions import TOLERANCE_PX, FrameRegions, Region
+from geoskill.evaluation.consistency import autocorrelation
+from geoskill.evaluation.goal import STRICT_M, GoalVerdict, judge_at_goal
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Region
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
@@ -18,7 +22,16 @@ from geoskill.skill.association import Association, InferenceResult, Node
 
 # The hand has no say in whether an association is right; it is reported beside that.
 _TASK_REGIONS = (Region.OBJECT, Region.TARGET)
-_RATES = ("top1_accuracy", "hand_rate", "mean_confidence", "rsw", "switches_per_frame")
+_RATES = (
+    "top1_accuracy",
+    "strict_accuracy",
+    "goal_error_mm",
+    "hand_rate",
+    "mean_confidence",
+    "rsw",
+    "switches_per_frame",
+    "error_autocorrelation",
+)
 
 
 @final
@@ -34,6 +47,8 @@ class FrameVerdict:
         hits_hand: whether a node of the top association is on the hand.
         confidence: that of the top association; 0 without one.
         rsw: residual sum of weights, 1 minus the confidences of the listed associations; 1 without any.
+        error: norm of the top association's control error, or None without one.
+        goal: what becomes of the top association when the task is done; None where the labels do not know.
     """
 
     frame: int
@@ -43,19 +58,28 @@ class FrameVerdict:
     hits_hand: bool
     confidence: float
     rsw: float
+    error: float | None = None
+    goal: GoalVerdict | None = None
+
+    @property
+    def strict(self) -> bool | None:
+        """Whether the top association is right, and its error 3 mm at most when the task is done."""
+        if self.goal is None:
+            return None
+        return self.correct and self.goal.error_m is not None and self.goal.error_m <= STRICT_M
 
 
 def judge_frame(
     frame: int,
     result: InferenceResult,
-    regions: FrameRegions,
+    regions: FrameLabels,
     kernel: Kernel,
     descriptor: str,
     tolerance_px: float = TOLERANCE_PX,
 ) -> FrameVerdict:
     """The verdict on the member (``kernel``, ``descriptor``) of an ensemble.
 
-    A node is on the hand when :meth:`FrameRegions.label` over all three regions says so. A node on the hand that is
+    A node is on the hand when :meth:`FrameLabels.label` over all three regions says so. A node on the hand that is
     within the tolerance of the object thus makes a hand hit, though it may count as the object's for correctness, which
     asks for the object and the target alone: accuracy and hand rate may add up to more than 1.
     """
@@ -71,6 +95,8 @@ def judge_frame(
         hits_hand=any(regions.label(node.centre, tolerance_px) is Region.HAND for node in nodes),
         confidence=0.0 if top is None else float(top.confidence),
         rsw=min(1.0, max(0.0, 1.0 - sum(float(association.confidence) for association in listed))),
+        error=None if top is None else math.hypot(*top.error),
+        goal=judge_at_goal(kernel, nodes, features, regions),
     )
 
 
@@ -85,7 +111,7 @@ def top_association(result: InferenceResult, kernel: Kernel, descriptor: str) ->
     return next((item for item in member_associations(result, kernel, descriptor) if item.rank == 1), None)
 
 
-def joins_object_and_target(nodes: Sequence[Node], regions: FrameRegions, tolerance_px: float = TOLERANCE_PX) -> bool:
+def joins_object_and_target(nodes: Sequence[Node], regions: FrameLabels, tolerance_px: float = TOLERANCE_PX) -> bool:
     """Whether every node is on the object or the target and each of the two has one; False without nodes."""
     return {regions.label(node.centre, tolerance_px, _TASK_REGIONS) for node in nodes} == set(_TASK_REGIONS)
 
@@ -93,7 +119,7 @@ def joins_object_and_target(nodes: Sequence[Node], regions: FrameRegions, tolera
 def is_feasible(
     kernel: Kernel,
     features: Mapping[NodeType, FeatureSet],
-    regions: FrameRegions,
+    regions: FrameLabels,
     tolerance_px: float = TOLERANCE_PX,
 ) -> bool:
     """Whether some choice of distinct features for the kernel's nodes joins the object and the target.
@@ -119,7 +145,16 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
     ``top1_accuracy`` is over the feasible frames, ``hand_rate``, ``mean_confidence`` and ``rsw`` over all of them: a
     frame without any association has no hand hit, confidence 0 and RSW 1. ``switches_per_frame`` is over the comparable
     transitions.
+
+    ``strict_accuracy`` is over the frames whose features allow an association that meets within 3 mm when the task is
+    done (``strictly_feasible_frames``), ``goal_error_mm`` the median error then of right top associations.
     """
+    strictly = [verdict for verdict in verdicts if verdict.goal is not None and verdict.goal.feasible]
+    goal_errors = [
+        1000 * verdict.goal.error_m
+        for verdict in verdicts
+        if verdict.correct and verdict.goal is not None and verdict.goal.error_m is not None
+    ]
     feasible = [verdict for verdict in verdicts if verdict.feasible]
     return {
         "frames": len(verdicts),
@@ -127,12 +162,16 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
         "infeasible_frames": len(verdicts) - len(feasible),
         "frames_without_association": sum(not verdict.has_association for verdict in verdicts),
         "top1_accuracy": _mean(verdict.correct for verdict in feasible),
+        "strictly_feasible_frames": len(strictly) if any(verdict.goal for verdict in verdicts) else None,
+        "strict_accuracy": _mean(bool(verdict.strict) for verdict in strictly),
+        "goal_error_mm": median(goal_errors) if goal_errors else None,
         "hand_rate": _mean(verdict.hits_hand for verdict in verdicts),
         "mean_confidence": _mean(verdict.confidence for verdict in verdicts),
         "rsw": _mean(verdict.rsw for verdict in verdicts),
         "switches": switches.switches,
         "comparable_transitions": switches.comparable,
         "switches_per_frame": switches.switches / switches.comparable if switches.comparable else None,
+        "error_autocorrelation": autocorrelation([verdict.error for verdict in verdicts]),
     }
 
 

@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, final
 
@@ -23,26 +22,14 @@ import numpy as np
 from jaxtyping import Float32
 
 from geoskill.errors import InputError
-
-TOLERANCE_PX = 3.0
-"""How far outside a polygon a point still counts as on it. Outlines are drawn to about 1 px, and detectors place what
-they find on an outline to either side of it."""
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels, Region
 
 Polygon = Float32[np.ndarray, "_ 2"]
 
 
 @final
-class Region(StrEnum):
-    """What a polygon outlines, in the order in which overlapping ones take precedence."""
-
-    OBJECT = "object"
-    TARGET = "target"
-    HAND = "hand"
-
-
-@final
 @dataclass(frozen=True, eq=False)
-class FrameRegions:
+class FrameRegions(FrameLabels):
     """The polygons of one frame, ``[v, 2]`` in pixels; one without vertices is out of view."""
 
     polygons: Mapping[Region, Polygon]
@@ -61,13 +48,7 @@ class FrameRegions:
     def label(
         self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
     ) -> Region | None:
-        """The one region of ``among`` that a point belongs to, or None.
-
-        Two rules, the first before the second: a region that the point lies in goes before one that is only within the
-        tolerance; and in the order of ``among`` one region goes before the next. A point of the target 2 px from the
-        object is on the target, one in the overlap of both is on the object, and one outside both but within the
-        tolerance of both is on the object too.
-        """
+        """See :meth:`FrameLabels.label`."""
         distances = {region: self.signed_distance(region, point) for region in among}
         for reach in (0.0, tolerance_px):
             for region, distance in distances.items():
@@ -75,10 +56,17 @@ class FrameRegions:
                     return region
         return None
 
+    def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> None:
+        """None: labels do not say what belongs where."""
+
+    @property
+    def goal_pixel_m(self) -> None:
+        """None: labels do not say how large things are."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
-class Regions:
+class Regions(Labels):
     """The labelled frames of one sequence.
 
     Attributes:
@@ -102,7 +90,7 @@ class Regions:
         return max(self.labelled)
 
     def at(self, frame: int) -> FrameRegions | None:
-        """The regions of a frame, or None before the first and after the last labelled one: nothing is extrapolated.
+        """See :meth:`Labels.at`; None before the first and after the last labelled frame, for nothing is extrapolated.
 
         Between two labelled frames a region moves linearly, vertex by vertex. Where their numbers of vertices differ,
         or the region is out of view on one of them, it is the polygon of the nearer labelled frame, and halfway that of
@@ -122,14 +110,6 @@ class Regions:
             raise InputError(
                 f"{self.name}: image_size is {_size(self.image_size)}; expected {_size(image_size)}, the frame size of "
                 "the video, since polygons are pixels of its native frames"
-            )
-
-    def require_judged(self, frame_count: int, every: int) -> None:
-        """Raises InputError unless some of the frames 0, every, 2 * every, ... of so many has regions."""
-        if not any(self.first_frame <= frame <= self.last_frame for frame in range(0, frame_count, every)):
-            raise InputError(
-                f"{self.name}: labels frames {self.first_frame} to {self.last_frame}; expected them to cover some of "
-                f"the {frame_count} frames of the video that were to be judged (every={every})"
             )
 
 

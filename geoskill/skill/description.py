@@ -8,12 +8,13 @@
     model:      {_target_: ..., _partial_: true, ...}
     features:   {max_features: 60, min_side: 480}
     alternatives: 10
+    learned_from: {task: sorting, seed: 0}  # of a simulated demonstration; else it is not there
 """
 
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from itertools import product
@@ -36,11 +37,12 @@ FORMAT = 1
 @final
 @dataclass(frozen=True, eq=False)
 class SkillParts:
-    """The objects of a skill: its members and the extractors that feed them, both by name."""
+    """The objects of a skill: its members and the extractors that feed them, both by name, and what it was taught."""
 
     members: dict[str, KernelModel]
     pipelines: dict[str, FeaturePipeline]
     alternatives: int
+    learned_from: Mapping[str, Any] = field(default_factory=dict)
 
 
 def describe(
@@ -111,7 +113,7 @@ def build(description: Mapping[str, Any], cache: FeatureCache | None = None, see
             torch.default_generator.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
             scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))
         members[name] = KernelModel(kernel, extractors, scorer)
-    return SkillParts(members, pipelines, int(description["alternatives"]))
+    return SkillParts(members, pipelines, int(description["alternatives"]), description.get("learned_from", {}))
 
 
 def _extractor(settings: Mapping[str, Any]) -> FeatureExtractor:

@@ -31,6 +31,7 @@ class Skill:
         self.members: Mapping[str, KernelModel] = parts.members
         self.pipelines: Mapping[str, FeaturePipeline] = parts.pipelines
         self.alternatives = parts.alternatives
+        self.learned_from = parts.learned_from
         for member in self.members.values():
             member.eval()
 

@@ -91,6 +91,7 @@ def command(
 def tiny(demonstration_folder: Path) -> Sequence[str]:
     """Overrides that make a training of the synthetic demonstration last a second."""
     return (
+        "task=video",
         f"task.path={demonstration_folder}",
         "model=bilinear",
         "model.hidden_dim=8",

@@ -182,7 +182,7 @@ def test_a_training_can_be_scored_on_labelled_frames(command: Command, tiny: Seq
 
 
 def test_black_frames_stay_in_the_list(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
-    source = Path(tiny[0].removeprefix("task.path="))
+    source = Path(tiny[1].removeprefix("task.path="))
     demonstration = tmp_path / "demonstration"
     demonstration.mkdir()
     for path in source.iterdir():

@@ -10,7 +10,8 @@ import pytest
 
 from geoskill.errors import InputError
 from geoskill.evaluation.benchmark import evaluate_frames
-from geoskill.evaluation.regions import FrameRegions, Region, Regions, load_regions
+from geoskill.evaluation.labels import Region
+from geoskill.evaluation.regions import FrameRegions, Regions, load_regions
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.frames import Frame
 from geoskill.features.sources import open_frames
@@ -97,6 +98,8 @@ def test_figures_and_rows_of_five_frames() -> None:
         "feasible": True,
         "correct": False,
         "hits_hand": True,
+        "strict": None,  # drawn regions do not know the goal
+        "goal_error_mm": None,
         "confidence": 0.5,
         "rsw": 0.5,
         "switched": True,

@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from geoskill.evaluation.goal import GoalVerdict
+from geoskill.evaluation.labels import Region
 from geoskill.evaluation.metrics import (
     FrameVerdict,
     is_feasible,
@@ -16,7 +18,7 @@ from geoskill.evaluation.metrics import (
     summarise,
     summarise_ensemble,
 )
-from geoskill.evaluation.regions import FrameRegions, Region
+from geoskill.evaluation.regions import FrameRegions
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
@@ -104,7 +106,7 @@ def test_verdict_of_a_right_association() -> None:
     top = association(point(ON_OBJECT), point(ON_TARGET), confidence=0.625)
     second = association(point(ON_HAND), point(ON_TARGET), rank=2, confidence=0.25)
     verdict = judge_frame(7, result(found, top, second), REGIONS, PointToPoint(), "sift")
-    assert verdict == FrameVerdict(7, True, True, True, False, 0.625, 0.125)
+    assert verdict == FrameVerdict(7, True, True, True, False, 0.625, 0.125, error=0.0)
 
 
 def test_the_top_association_is_the_one_of_rank_one_wherever_it_stands() -> None:
@@ -210,9 +212,10 @@ def test_feasible_means_that_some_instance_is_right(
 
 def test_figures_over_four_frames() -> None:
     verdicts = [
-        FrameVerdict(0, True, True, True, False, 0.8, 0.1),
-        FrameVerdict(1, True, True, False, True, 0.6, 0.2),
-        FrameVerdict(2, True, False, False, True, 0.4, 0.3),  # infeasible: its hand hit counts, its error does not
+        FrameVerdict(0, True, True, True, False, 0.8, 0.1, 9.0, GoalVerdict(0.002, True)),
+        FrameVerdict(1, True, True, False, True, 0.6, 0.2, 7.0, GoalVerdict(None, True)),
+        # Infeasible: its hand hit counts, its error does not.
+        FrameVerdict(2, True, False, False, True, 0.4, 0.3, 5.0, GoalVerdict(None, False)),
         FrameVerdict(3, False, True, False, False, 0.0, 1.0),
     ]
     figures = summarise(verdicts, SwitchCount(switches=1, comparable=2))
@@ -222,12 +225,16 @@ def test_figures_over_four_frames() -> None:
         "infeasible_frames": 1,
         "frames_without_association": 1,
         "top1_accuracy": pytest.approx(1 / 3),
+        "strictly_feasible_frames": 2,
+        "strict_accuracy": 0.5,
+        "goal_error_mm": pytest.approx(2.0),
         "hand_rate": 0.5,
         "mean_confidence": pytest.approx(0.45),
         "rsw": pytest.approx(0.4),
         "switches": 1,
         "comparable_transitions": 2,
         "switches_per_frame": 0.5,
+        "error_autocorrelation": None,  # of two pairs
     }
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
-from geoskill.evaluation.regions import FrameRegions, Region, load_regions
+from geoskill.evaluation.labels import Region
+from geoskill.evaluation.regions import FrameRegions, load_regions
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 TRIANGLE = [[20, 0], [30, 0], [20, 10]]

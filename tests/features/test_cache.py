@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +12,9 @@ import numpy as np
 import pytest
 
 import geoskill
-import geoskill.features.cache as cache_module
+from geoskill.array_store import ArrayStore, default_folder
 from geoskill.errors import InputError
-from geoskill.features.cache import FeatureCache, default_folder
+from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 
@@ -62,7 +63,7 @@ def is_stored(folder: Path, seed: int) -> bool:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "utime", lambda path: None)
         try:
-            FeatureCache(folder).get_or_compute(frame_of(seed), "sift", compute)
+            FeatureCache(ArrayStore(folder)).get_or_compute(frame_of(seed), "sift", compute)
         except KeyboardInterrupt:
             assert not hit
     return hit
@@ -73,16 +74,19 @@ def is_stored(folder: Path, seed: int) -> bool:
 def test_a_hit_returns_equal_features_without_computing(tmp_path: Path, node_type: NodeType, count: int) -> None:
     expected = features_of(0, node_type, count)
     assert_equal(
-        FeatureCache(tmp_path / "new" / "folder").get_or_compute(frame_of(0), "sift", lambda: expected), expected
+        FeatureCache(ArrayStore(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", lambda: expected),
+        expected,
     )
     # As in a later run: another object.
-    assert_equal(FeatureCache(tmp_path / "new" / "folder").get_or_compute(frame_of(0), "sift", never), expected)
+    assert_equal(
+        FeatureCache(ArrayStore(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", never), expected
+    )
 
 
 def test_other_content_other_settings_or_another_format_is_a_miss(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     frame = frame_of(0)
     cache.get_or_compute(frame, "sift", lambda: features_of(0))
     one_level_brighter = frame.copy()
@@ -96,13 +100,12 @@ def test_other_content_other_settings_or_another_format_is_a_miss(
     ]
     for number, (other, identity) in enumerate(others, start=1):
         assert_equal(cache.get_or_compute(other, identity, lambda: features_of(number)), features_of(number))  # noqa: B023
-    monkeypatch.setattr(cache_module, "FORMAT", cache_module.FORMAT + 1)
     assert_equal(cache.get_or_compute(frame, "sift", lambda: features_of(99)), features_of(99))
     assert len(files_in(tmp_path)) == 7
 
 
 def test_a_frame_that_is_a_view_is_known_by_its_content(tmp_path: Path) -> None:
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     wide = np.repeat(frame_of(0), 2, axis=1)
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert_equal(cache.get_or_compute(wide[:, ::2], "sift", never), features_of(0))
@@ -111,7 +114,7 @@ def test_a_frame_that_is_a_view_is_known_by_its_content(tmp_path: Path) -> None:
 
 def damaged(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     """Damages the only file, then expects the right features, and the file mended for the next reader."""
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     path.write_bytes(damage(path.read_bytes()))
@@ -135,7 +138,7 @@ def test_a_file_of_another_kind_is_computed_again(tmp_path: Path, content: bytes
 
 
 def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     np.savez(path, node_type="plane", descriptors=np.zeros((1, 2)))
@@ -144,7 +147,7 @@ def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
 
 def test_no_flipped_bit_changes_the_features(tmp_path: Path) -> None:
     """The archive's check sums find them; those in parts that do not matter are no harm."""
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     content = path.read_bytes()
@@ -167,21 +170,24 @@ def test_a_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
     blocked = tmp_path / "cache"
     blocked.write_text("a file")
     for _ in range(2):
-        assert_equal(FeatureCache(blocked).get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0))
+        assert_equal(
+            FeatureCache(ArrayStore(blocked)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)),
+            features_of(0),
+        )
     assert blocked.read_text() == "a file"
 
 
 def test_a_folder_that_can_be_read_but_not_written_still_serves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
 
     def refuse(*args: object, **kwargs: object) -> None:
         raise PermissionError("read-only file system")
 
     monkeypatch.setattr(os, "utime", refuse)
-    monkeypatch.setattr(cache_module.tempfile, "mkstemp", refuse)
+    monkeypatch.setattr(tempfile, "mkstemp", refuse)
     assert_equal(cache.get_or_compute(frame_of(0), "sift", never), features_of(0))
     assert_equal(cache.get_or_compute(frame_of(1), "sift", lambda: features_of(1)), features_of(1))
     assert len(files_in(tmp_path)) == 1
@@ -195,7 +201,9 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np if step == "savez" else os, step, refuse)
-    assert_equal(FeatureCache(tmp_path).get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0))
+    assert_equal(
+        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0)
+    )
     assert files_in(tmp_path) == []
 
 
@@ -207,7 +215,7 @@ def test_an_interrupted_write_leaves_no_half_file_and_interrupts(
 
     monkeypatch.setattr(np, "savez", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        FeatureCache(tmp_path).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert files_in(tmp_path) == []
 
 
@@ -216,19 +224,19 @@ def test_an_error_of_the_extractor_is_not_swallowed(tmp_path: Path) -> None:
         raise OSError("the extractor's own")
 
     with pytest.raises(OSError, match="the extractor's own"):
-        FeatureCache(tmp_path).get_or_compute(frame_of(0), "sift", fail)
+        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", fail)
     assert files_in(tmp_path) == []
 
 
 def entry_bytes(tmp_path: Path) -> int:
     folder = tmp_path / "one entry"
-    FeatureCache(folder).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+    FeatureCache(ArrayStore(folder)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     return size_of(folder)
 
 
 def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
-    cache = FeatureCache(folder, limit_mb=4.5 * entry_bytes(tmp_path) / 1e6)  # room for four
+    cache = FeatureCache(ArrayStore(folder, limit_mb=4.5 * entry_bytes(tmp_path) / 1e6))  # room for four
     for seed in range(4):
         before = set(files_in(folder))
         cache.get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
@@ -244,7 +252,7 @@ def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
 def test_the_folder_never_holds_more_than_the_limit(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
-    cache = FeatureCache(folder, limit_mb=limit / 1e6)
+    cache = FeatureCache(ArrayStore(folder, limit_mb=limit / 1e6))
     largest = 0
     for seed in range(80):
         cache.get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
@@ -259,7 +267,9 @@ def test_many_short_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
     for seed in range(60):
-        FeatureCache(folder, limit_mb=limit / 1e6).get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
+        FeatureCache(ArrayStore(folder, limit_mb=limit / 1e6)).get_or_compute(
+            frame_of(seed), "sift", lambda: features_of(seed)
+        )
     assert 0.8 * limit < size_of(folder) <= limit
 
 
@@ -269,7 +279,7 @@ def test_what_killed_runs_left_goes_after_an_hour(tmp_path: Path) -> None:
         (tmp_path / "ab" / name).write_bytes(b"half a file")
         os.utime(tmp_path / "ab" / name, (time.time() - age_s,) * 2)
     (tmp_path / "ab" / "not_ours.txt").write_text("kept")
-    FeatureCache(tmp_path).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+    FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert [path.name for path in files_in(tmp_path) if path.suffix != ".npz"] == ["fresh.part", "not_ours.txt"]
 
 
@@ -277,6 +287,7 @@ PROCESS = """
 import sys, time
 from pathlib import Path
 import numpy as np
+from geoskill.array_store import ArrayStore
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
@@ -290,7 +301,7 @@ def expected(key):
     rows = np.full((40, 128), key, np.float32)
     return FeatureSet(NodeType.POINT, rows, rows[:, :2] + 1, rows[:, 0] + 2)
 
-cache = FeatureCache(folder, limit_mb)
+cache = FeatureCache(ArrayStore(folder, limit_mb))
 (meeting / me).touch()
 until = time.monotonic() + 20
 while not (meeting / other).exists():
@@ -334,14 +345,14 @@ def test_two_processes_share_a_cache(tmp_path: Path, limit_mb: float) -> None:
 
 @pytest.mark.parametrize("limit_mb", [0.0, -1.0, float("nan")])
 def test_a_limit_that_is_not_positive_is_refused(limit_mb: float) -> None:
-    with pytest.raises(InputError, match=rf"^features\.cache\.limit_mb={limit_mb}: expected a positive number of meg"):
-        FeatureCache(limit_mb=limit_mb)
+    with pytest.raises(InputError, match=rf"^cache\.limit_mb={limit_mb}: expected a positive number of meg"):
+        FeatureCache(ArrayStore(limit_mb=limit_mb))
 
 
 def test_the_users_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert default_folder() == FeatureCache().folder == tmp_path / "xdg" / "geoskill"
+    assert default_folder() == ArrayStore().folder == tmp_path / "xdg" / "geoskill"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert default_folder() == tmp_path / "home" / ".cache" / "geoskill"
-    assert FeatureCache(tmp_path).folder == FeatureCache(str(tmp_path)).folder == tmp_path
+    assert ArrayStore(tmp_path).folder == ArrayStore(str(tmp_path)).folder == tmp_path

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.extractor import FeatureExtractor
@@ -165,7 +166,7 @@ def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypat
 def test_a_frame_is_extracted_once_with_a_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     texture = cv2.GaussianBlur(frame_of(80, 80), (0, 0), 2)
     first = FeaturePipeline(Sift(), max_features=9, min_side=160).extract(texture)
-    cached = FeaturePipeline(Sift(), max_features=9, min_side=160, cache=FeatureCache(tmp_path))
+    cached = FeaturePipeline(Sift(), max_features=9, min_side=160, cache=FeatureCache(ArrayStore(tmp_path)))
     stored = cached.extract(texture)
     monkeypatch.setattr(Sift, "extract", None)  # calling it would fail
     again = cached.extract(texture.copy())

@@ -8,6 +8,7 @@ import jaxtyping
 import pytest
 import torch
 
+from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.lbd import Lbd
@@ -111,7 +112,7 @@ def test_what_is_built_is_what_is_described(tmp_path: Path, small_model: dict[st
         "lbd": {**DESCRIPTORS["lbd"], "band_width": 5},
     }
     model = {**small_model, "hidden_dim": 6, "layers": 3, "shared_weights": False}
-    cache = FeatureCache(tmp_path)
+    cache = FeatureCache(ArrayStore(tmp_path))
     parts = build(describe(kernels, descriptors, model, FEATURES, 5), cache)
     assert parts.alternatives == 5
     assert list(parts.members) == ["p2l_sift_lbd", "p2p_sift"]

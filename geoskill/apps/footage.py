@@ -1,0 +1,135 @@
+"""The frames that a command works on, and their ground truth where there is one: a video, or a simulated recording."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from geoskill.apps.inputs import open_recording
+from geoskill.apps.scoring import load_labels
+from geoskill.array_store import ArrayStore
+from geoskill.evaluation.labels import Labels
+from geoskill.features.frames import Frame, FrameSource
+from geoskill.features.sources import read_all
+
+if TYPE_CHECKING:
+    from geoskill.simulation.recording import Recording
+
+DEMONSTRATION = "demonstration"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Footage:
+    """Frames with what is known of them.
+
+    Attributes:
+        source: where they come from.
+        frames: all of them.
+        labels: the ground truth, or None.
+    """
+
+    source: FrameSource
+    frames: Sequence[Frame]
+    labels: Labels | None
+
+
+@final
+class RecordingSource(FrameSource):
+    """The frames of a simulated recording.
+
+    Args:
+        recording: the recording.
+        name: as it is called in messages.
+    """
+
+    def __init__(self, recording: "Recording", name: str) -> None:
+        self._recording = recording
+        self._name = name
+
+    @property
+    def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
+        return self._name
+
+    @property
+    def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
+        from geoskill.simulation.recording import FRAME_RATE
+
+        return FRAME_RATE
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index in range(len(self._recording)):
+            yield Frame(index, index / self.frame_rate, self._recording.picture(index))
+
+
+def video_footage(task: DictConfig, minimum: int) -> Footage:
+    """A video with its labelled regions, if any.
+
+    Args:
+        task: has ``path``, ``frame_rate``, ``regions`` and ``every``.
+        minimum: how many frames it needs.
+
+    Raises:
+        InputError: when it cannot be read, has too few frames, or the regions do not fit.
+    """
+    source = open_recording(task.path, task.frame_rate)
+    frames = read_all(source, minimum=minimum)
+    labels = None if task.regions is None else load_labels(str(task.regions), frames, task.every)
+    return Footage(source, frames, labels)
+
+
+def simulated_footage(
+    task: DictConfig, scenario: DictConfig, seed: int, take: str, store: ArrayStore | None
+) -> Footage:
+    """A recording, rendered unless the store has it.
+
+    Args:
+        task: has the ``scene``.
+        scenario: the conditions.
+        seed: of the things' looks.
+        take: name of the recording; other takes have other places and paths.
+        store: where recordings are kept.
+
+    Raises:
+        InputError: when the settings cannot be, or there is no OpenGL context.
+    """
+    from geoskill.apps.settings import refusing
+    from geoskill.evaluation.simulated import SimulatedLabels
+    from geoskill.simulation.recording import Recording, pack, unpack
+    from geoskill.simulation.scene import RecordingSettings, record
+
+    with refusing("task"):
+        scene = instantiate(task.scene)
+    with refusing("scenario"):
+        conditions = instantiate(scenario)
+    settings = RecordingSettings(scene, conditions, seed, take)
+
+    def render() -> Recording:
+        return record(settings)
+
+    if store is None:
+        recording = render()
+    else:
+        described = f"{_renderer_identity()} {scene.name} {sorted(asdict(conditions).items())} {seed} {take}"
+        key = hashlib.sha256(described.encode()).hexdigest()
+        recording = store.get_or_compute(key, render, pack, unpack)
+    source = RecordingSource(recording, f"{scene.name}, {take}")
+    return Footage(source, list(source), SimulatedLabels(recording, source.name))
+
+
+def _renderer_identity() -> str:
+    """What recordings of the same settings depend on: the code that makes them."""
+    import mujoco
+
+    import geoskill.simulation
+
+    digest = hashlib.sha256(mujoco.__version__.encode())
+    for file in sorted(Path(geoskill.simulation.__path__[0]).rglob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,22 @@
+"""How steady the control error is that a controller would be given."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+
+def autocorrelation(values: Sequence[float | None]) -> float | None:
+    """The autocorrelation at lag 1 of a series with gaps: 1 for a smooth one, 0 for noise, -1 for one that alternates.
+
+    Products are of neighbours that are both there. None where there are fewer than three such pairs, or where the
+    values do not differ.
+
+    >>> autocorrelation([1.0, -1.0, 1.0, -1.0])
+    -1.0
+    """
+    known = np.array([value for value in values if value is not None], np.float64)
+    pairs = np.array([pair for pair in pairwise(values) if None not in pair], np.float64)
+    if len(pairs) < 3 or known.std() == 0:
+        return None
+    return float(np.mean((pairs - known.mean()).prod(axis=1)) / known.var())

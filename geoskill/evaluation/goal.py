@@ -1,0 +1,78 @@
+"""Whether an association is right not only about the things but about the places on them: strict accuracy.
+
+A right association is one whose control error is zero when the task is done. Where the ground truth knows where every
+point of the object and the target is then (in simulation), the features of an association are carried to the goal, and
+the kernel's error is taken there.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import torch
+
+from geoskill.evaluation.labels import FrameLabels, Region
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel
+from geoskill.skill.association import Node
+
+STRICT_M = 0.003
+"""Largest error at the goal of a right association, across the line of sight: 3 mm."""
+
+
+@final
+@dataclass(frozen=True)
+class GoalVerdict:
+    """What becomes of an association at the goal.
+
+    Attributes:
+        error_m: norm of the control error at the goal; None where a node is on neither object nor target.
+        feasible: whether some choice among the frame's features has an error of at most :data:`STRICT_M` there.
+    """
+
+    error_m: float | None
+    feasible: bool
+
+
+def judge_at_goal(
+    kernel: Kernel, nodes: tuple[Node, ...], features: Mapping[NodeType, FeatureSet], labels: FrameLabels
+) -> GoalVerdict | None:
+    """The verdict on an association, None where the labels do not know the goal or the error is no length.
+
+    An association within one thing keeps its error whatever is done, and is never right; whoever asks has to make sure
+    that it joins the two.
+    """
+    pixel_m = labels.goal_pixel_m
+    if pixel_m is None or kernel.unit != "px":
+        return None
+    carried, sides = {}, {}
+    for kind, found in features.items():
+        rows, on = [], []
+        for row in found.geometry.tolist():
+            ends = [(row[place], row[place + 1]) for place in range(0, len(row), 2)]
+            moved = labels.at_goal(ends)
+            middle = tuple(sum(axis) / len(ends) for axis in zip(*ends, strict=True))
+            side = labels.label((middle[0], middle[1]), among=(Region.OBJECT, Region.TARGET))
+            known = moved is not None and None not in moved
+            on.append(side if known else None)
+            rows.append([value for end in moved or () for value in end or ()] if known else [0.0] * len(row))
+        carried[kind] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), kind.geometry_dim)
+        sides[kind] = torch.tensor([(side is Region.OBJECT) - (side is Region.TARGET) for side in on])
+    instances = kernel.instances({kind: len(found) for kind, found in features.items()})
+    errors = kernel.control_error(
+        [carried[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)]
+    ).norm(dim=1)
+    joined = torch.stack([sides[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)])
+    joins = (joined != 0).all(dim=0) & (joined == 1).any(dim=0) & (joined == -1).any(dim=0)
+    feasible = bool((joins & (errors * pixel_m <= STRICT_M)).any())
+    own = []
+    for node in nodes:
+        xy = node.coordinates
+        moved = labels.at_goal([(xy[place], xy[place + 1]) for place in range(0, len(xy), 2)])
+        if moved is None or None in moved:
+            return GoalVerdict(None, feasible)
+        own.append(torch.tensor([[value for end in moved for value in end or ()]], dtype=torch.float64))
+    if not own:
+        return GoalVerdict(None, feasible)
+    return GoalVerdict(float(kernel.control_error(own).norm()) * pixel_m, feasible)

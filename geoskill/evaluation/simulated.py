@@ -1,0 +1,107 @@
+"""The ground truth of rendered frames."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from jaxtyping import Int
+
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels, Region
+from geoskill.simulation.recording import Recording
+from geoskill.simulation.tasks.task import Role
+from geoskill.simulation.truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
+
+REGION_OF = {Role.OBJECT: Region.OBJECT, Role.TARGET: Region.TARGET, Role.ACTOR: Region.HAND}
+
+
+@final
+class SimulatedFrame(FrameLabels):
+    """What the pixels of one frame show.
+
+    Args:
+        recording: the recording.
+        frame: which of its frames.
+    """
+
+    def __init__(self, recording: Recording, frame: int) -> None:
+        self._truth = FrameTruth(recording, frame)
+
+    def label(
+        self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
+    ) -> Region | None:
+        """See :meth:`FrameLabels.label`; a point lies in the region that its pixel shows."""
+        found = self._near(point, tolerance_px, among)
+        return None if found is None else _region(found)
+
+    def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> list[tuple[float, float] | None]:
+        """See :meth:`FrameLabels.at_goal`."""
+        points = [self._near(point, TOLERANCE_PX, (Region.OBJECT, Region.TARGET)) for point in coordinates]
+        known = [point for point in points if point is not None]
+        places = iter(goal_pixels(self._truth.recording, known).tolist())
+        return [None if point is None else tuple(next(places)) for point in points]
+
+    @cached_property
+    def goal_pixel_m(self) -> float:
+        """See :attr:`FrameLabels.goal_pixel_m`."""
+        return goal_pixel_m(self._truth.recording)
+
+    def _near(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
+        """What the point's pixel shows if it is of a region, else the nearest such pixel within the tolerance."""
+        pixels = np.round(point).astype(np.int64) + _disk(tolerance_px)
+        found = self._truth.surface(pixels)  # the nearest ones first
+        if found[0] is not None and _region(found[0]) in among:
+            return found[0]
+        for region in among:
+            for candidate in found:
+                if candidate is not None and _region(candidate) is region:
+                    return candidate
+        return None
+
+
+@final
+class SimulatedLabels(Labels):
+    """The ground truth of all frames of a recording.
+
+    Args:
+        recording: the recording.
+        name: for messages.
+    """
+
+    def __init__(self, recording: Recording, name: str) -> None:
+        self.name = name
+        self._recording = recording
+
+    @property
+    def first_frame(self) -> int:
+        """See :attr:`Labels.first_frame`."""
+        return 0
+
+    @property
+    def last_frame(self) -> int:
+        """See :attr:`Labels.last_frame`."""
+        return len(self._recording) - 1
+
+    def at(self, frame: int) -> SimulatedFrame | None:
+        """See :meth:`Labels.at`."""
+        return SimulatedFrame(self._recording, frame) if 0 <= frame < len(self._recording) else None
+
+    def require_size(self, image_size: tuple[int, int]) -> None:
+        """See :meth:`Labels.require_size`; frames and labels come from one recording."""
+        expected = (self._recording.lens.width, self._recording.lens.height)
+        if image_size != expected:
+            raise ValueError(f"{self.name}: the frames are {image_size}; expected {expected}")
+
+
+def _region(point: SurfacePoint) -> Region | None:
+    return None if point.role is None else REGION_OF[point.role]
+
+
+def _disk(radius_px: float) -> Int[np.ndarray, "n 2"]:
+    """Offsets of the pixels within a distance, the nearest first."""
+    reach = int(radius_px)
+    steps = np.arange(-reach, reach + 1)
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    distance = np.linalg.norm(offsets, axis=1)
+    order = np.argsort(distance, kind="stable")
+    return np.asarray(offsets[order][distance[order] <= radius_px])

@@ -1,0 +1,1 @@
+"""Who moves the object: a person's hand or a robot's gripper."""
