@@ -27,6 +27,7 @@ def evaluate(cfg: DictConfig) -> None:
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import score
+    from geoskill.evaluation.baseline import track_hand_picked_pairs
 
     quiet_libraries()
     simulated = "task" in cfg and cfg.task is not None
@@ -47,6 +48,9 @@ def evaluate(cfg: DictConfig) -> None:
         footage = video_footage(OmegaConf.create(video), minimum=1)
     assert footage.labels is not None
     figures, rows = score(skill, footage.frames, footage.labels, cfg.every)
+    if footage.recording is not None:
+        baseline = track_hand_picked_pairs(footage.recording)
+        figures |= {"baseline_success": baseline.success, "baseline_pairs": [baseline.kept, baseline.picked]}
     folder = Path(HydraConfig.get().runtime.output_dir)
     with replacing(folder / "metrics.json") as file:
         json.dump(

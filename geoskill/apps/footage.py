@@ -31,11 +31,13 @@ class Footage:
         source: where they come from.
         frames: all of them.
         labels: the ground truth, or None.
+        recording: all that is known of it, if it is simulated.
     """
 
     source: FrameSource
     frames: Sequence[Frame]
     labels: Labels | None
+    recording: "Recording | None" = None
 
 
 @final
@@ -120,7 +122,7 @@ def simulated_footage(
         key = hashlib.sha256(described.encode()).hexdigest()
         recording = store.get_or_compute(key, render, pack, unpack)
     source = RecordingSource(recording, f"{scene.name}, {take}")
-    return Footage(source, list(source), SimulatedLabels(recording, source.name))
+    return Footage(source, list(source), SimulatedLabels(recording, source.name), recording)
 
 
 def _renderer_identity() -> str:

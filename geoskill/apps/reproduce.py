@@ -1,4 +1,4 @@
-"""``python reproduce.py``: a table over several trainings, from one command."""
+"""``python reproduce.py``: a table of the paper, or one beside it, from one command."""
 
 import json
 import subprocess
@@ -6,7 +6,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
@@ -14,6 +13,11 @@ from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps.command import run_command
 from geoskill.errors import InputError
+from geoskill.evaluation.tables import accuracies, as_csv, details, overview
+
+QUICK_TRAINING = ("trainer.max_epochs=2",)
+QUICK_EVERY = 10
+BASELINE = "hand-picked trackers"
 
 
 def main() -> None:
@@ -22,7 +26,7 @@ def main() -> None:
 
 
 def reproduce(cfg: DictConfig) -> None:
-    """Train and score every row over its seeds, then write the table.
+    """Train and score every row over its seeds, then write the table and the picture.
 
     Raises:
         InputError: when the data are not given or not there.
@@ -30,18 +34,21 @@ def reproduce(cfg: DictConfig) -> None:
     """
     from rich.progress import track
 
-    artifact: dict[str, Any] = OmegaConf.to_container(cfg.artifact, resolve=True)  # type: ignore[assignment]
-    if artifact["data"] is None:
+    if "data" in cfg.artifact and cfg.artifact.data is None:
         raise InputError("artifact.data is not set; expected the folder of the labelled sequences (artifact.data=DIR)")
-    for sequence in (artifact["train_on"], *artifact["test_on"]):
-        if not (Path(artifact["data"]) / sequence).is_dir():
-            raise InputError(f"artifact.data={artifact['data']}: has no folder {sequence}; expected one with frames")
+    artifact: dict[str, Any] = OmegaConf.to_container(cfg.artifact, resolve=True)  # type: ignore[assignment]
+    for override in (*artifact["train"], *(value for test in artifact["tests"].values() for value in test)):
+        key, _, path = override.partition("=")
+        if key in ("task.path", "video") and not Path(path).is_dir():
+            raise InputError(
+                f"artifact.data={artifact['data']}: has no folder {Path(path).name}; expected one with frames"
+            )
     if cfg.jobs < 1:
         raise InputError(f"jobs={cfg.jobs}: expected at least 1")
     folder = Path(HydraConfig.get().runtime.output_dir) / ("quick" if cfg.quick else "full")
-    seeds = artifact["seeds"][:2] if cfg.quick else artifact["seeds"]
+    seeds = artifact["seeds"][:1] if cfg.quick else artifact["seeds"]
     runs = [
-        (row, seed, folder / row.replace("=", "-") / str(seed), overrides)
+        (row, seed, folder / row.replace("=", "-").replace(" ", "_") / str(seed), overrides)
         for row, overrides in artifact["rows"].items()
         for seed in seeds
     ]
@@ -53,45 +60,73 @@ def reproduce(cfg: DictConfig) -> None:
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    results: dict[str, list[dict[str, Any]]] = {}
+    scores: dict[str, list[dict[str, Any]]] = {}
     for row, _, run, _ in runs:
-        results.setdefault(row, []).append(json.loads((run / "scores.json").read_text(encoding="utf-8")))
-    table = make_table(results, artifact["test_on"])
-    (folder / "table.md").write_text(table, encoding="utf-8")
-    (folder / "table.json").write_text(json.dumps(results, indent=2), encoding="utf-8")
-    print(table)
+        scores.setdefault(row, []).append(json.loads((run / "scores.json").read_text(encoding="utf-8")))
+    curves: dict[str, list[Path]] = {}
+    for row, _, run, _ in runs:
+        curves.setdefault(row, []).append(run / "metrics.csv")
+    _write(folder, artifact, scores, curves)
+    print((folder / "table.md").read_text(encoding="utf-8"))
     print(folder)
+
+
+def _write(
+    folder: Path,
+    artifact: Mapping[str, Any],
+    scores: Mapping[str, Sequence[Mapping[str, Any]]],
+    curves: Mapping[str, Sequence[Path]],
+) -> None:
+    from geoskill.viz.bars import plot_bars, plot_trainings
+
+    tests = list(artifact["tests"])
+    published = dict(artifact["published"])
+    if artifact["baseline"]:
+        published = {BASELINE: _baseline(scores, tests), **published}
+    table = overview(scores, tests, published) + "\n" + details(scores, tests)
+    (folder / "table.md").write_text(table, encoding="utf-8")
+    (folder / "table.csv").write_text(as_csv(scores, tests), encoding="utf-8")
+    (folder / "table.json").write_text(json.dumps({"scores": scores, "published": published}, indent=2), "utf-8")
+    rows = {row: [accuracies(seeds, test) for test in tests] for row, seeds in scores.items()}
+    plot_bars(tests, rows, published, folder / "accuracy.png")
+    plot_trainings(curves, folder / "training.png")
+
+
+def _baseline(scores: Mapping[str, Sequence[Mapping[str, Any]]], tests: Sequence[str]) -> dict[str, float]:
+    """The percentage of recordings on which the trackers succeed; the recordings are those of every row."""
+    seeds = next(iter(scores.values()))
+    return {test: 100 * sum(seed[test]["baseline_success"] for seed in seeds) / len(seeds) for test in tests}
 
 
 def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, overrides: Sequence[str], quick: bool) -> None:
     """One training and its scores, in processes of their own; nothing is done twice."""
     if (run / "scores.json").is_file():
         return
-    data = Path(artifact["data"]).resolve()
+    training = [*artifact["train"], *overrides]
     if not (run / "metrics.json").is_file():
         _python(
             "geoskill.apps.train",
-            "task=video",
-            f"task.path={data / artifact['train_on']}",
+            *training,
+            *(QUICK_TRAINING if quick else ()),
             f"seed={seed}",
             "threads=1",
             "logger=none",
             f"hydra.run.dir={run}",
-            *(["trainer.max_epochs=2"] if quick else []),
-            *overrides,
         )
     trained = json.loads((run / "metrics.json").read_text(encoding="utf-8"))
     scores: dict[str, Any] = {"seed": seed, "rsw": trained["rsw"], "steps": trained["steps"]}
-    for sequence in artifact["test_on"]:
+    simulated = [override for override in training if override.startswith("task=") and override != "task=video"]
+    for test, settings in artifact["tests"].items():
+        # In simulation the test is of the task that was learned, the last one named.
         _python(
             "geoskill.apps.evaluate",
             f"skill={run / 'skill.ckpt'}",
-            f"video={data / sequence}",
-            f"regions={data / sequence}.regions.json",
-            f"every={artifact['every']}",
-            f"hydra.run.dir={run / sequence}",
+            *simulated[-1:],
+            *settings,
+            f"every={QUICK_EVERY if quick else artifact['every']}",
+            f"hydra.run.dir={run / test}",
         )
-        scores[sequence] = json.loads((run / sequence / "metrics.json").read_text(encoding="utf-8"))
+        scores[test] = json.loads((run / test / "metrics.json").read_text(encoding="utf-8"))
     (run / "scores.json").write_text(json.dumps(scores, indent=2), encoding="utf-8")
 
 
@@ -102,34 +137,5 @@ def _python(module: str, *arguments: str) -> None:
         raise RuntimeError(f"{module} {' '.join(arguments)} ended with status {ended.returncode}: {last}")
 
 
-def make_table(results: Mapping[str, Sequence[Mapping[str, Any]]], sequences: Sequence[str]) -> str:
-    """A Markdown table: top-1 accuracy over the seeds, as median and worst, per row and sequence.
-
-    >>> score = {"top1_accuracy": 0.95, "hand_rate": 0.0, "feasible_frames": 41, "frames": 41}
-    >>> print(make_table({"default": [{"rsw": 0.002, "steps": 400, "human1": score}]}, ["human1"]))
-    | | seeds | human1 median | worst | hand | feasible | RSW | steps |
-    |---|---|---|---|---|---|---|---|
-    | default | 1 | 0.950 | 0.950 | 0.000 | 41/41 | 0.20 % | 400 |
-    <BLANKLINE>
-    """
-    head = ["", "seeds"]
-    for sequence in sequences:
-        head += [f"{sequence} median", "worst", "hand", "feasible"]
-    head += ["RSW", "steps"]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for name, scores in results.items():
-        cells = [name, str(len(scores))]
-        for sequence in sequences:
-            figures = [score[sequence] for score in scores]
-            accuracies = [each["top1_accuracy"] for each in figures if each["top1_accuracy"] is not None]
-            cells += [f"{median(accuracies):.3f}", f"{min(accuracies):.3f}"] if accuracies else ["none", "none"]
-            cells += [
-                f"{median(each['hand_rate'] for each in figures):.3f}",
-                f"{figures[0]['feasible_frames']}/{figures[0]['frames']}",
-            ]
-        cells += [
-            f"{100 * median(score['rsw'] for score in scores):.2f} %",
-            f"{median(score['steps'] for score in scores):.0f}",
-        ]
-        lines.append(("| " + " | ".join(cells) + " |").replace("|  |", "| |", 1))
-    return "\n".join(lines).replace("|  | seeds", "| | seeds") + "\n"
+if __name__ == "__main__":
+    main()

@@ -42,13 +42,22 @@ class RecordingSettings:
         task: what is done.
         conditions: who does it, and under what conditions.
         seed: of everything by which the things are recognised: prints and colours.
-        take: number of the recording; draws everything else, such as places, path and speed.
+        take: name of the recording; draws everything else, such as places, path and speed.
+        stride: only every so many frames are rendered, counted back from the last; all of them move the things.
+
+    Raises:
+        ValueError: when ``stride`` is not positive.
     """
 
     task: Task
     conditions: Conditions
     seed: int
     take: str
+    stride: int = 1
+
+    def __post_init__(self) -> None:
+        if self.stride < 1:
+            raise ValueError(f"stride={self.stride}: expected at least 1")
 
 
 def record(settings: RecordingSettings) -> Recording:
@@ -91,7 +100,7 @@ def record(settings: RecordingSettings) -> Recording:
         courses[PASSER_BY] = _passing(conditions, camera, lens, scene, take)
     if dark > 0:
         courses["lamp"] = lamp_course(frames, take)
-    return _play(spec, scene, actor, motion, camera, lens, courses, take)
+    return _play(spec, scene, actor, motion, camera, lens, courses, take, settings.stride)
 
 
 def _outside(lens: PinholeCamera, camera: Pose, conditions: Conditions, way: Way) -> Float64[np.ndarray, "3"]:
@@ -124,6 +133,7 @@ def _play(
     lens: PinholeCamera,
     courses: dict[str, Float64[np.ndarray, "frames 4 4"]],
     take: np.random.Generator,
+    stride: int,
 ) -> Recording:
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -139,6 +149,8 @@ def _play(
             for body, course in courses.items():
                 place(model, data, body, course[frame])
             scene.carrying.lead(model, data, led, bool(motion.held[frame]), 1 / FRAME_RATE)
+            if (len(camera) - 1 - frame) % stride:
+                continue
             pictures.append(compress(expose(rendering.picture(data), exposures[frame], take)))
             shown.append(as_png((rendering.bodies(data) + 2).astype(np.uint8)))
             depth = rendering.depth_m(data) / DEPTH_UNIT_M
@@ -154,7 +166,7 @@ def _play(
         names,
         np.stack(poses),
         lens,
-        camera,
+        camera[(len(camera) - 1) % stride :: stride],
         (*scene.roles, *(RolePart(name, Role.ACTOR) for name in _parts(model, ACTOR))),
         None if scene.cloth is None else _cloth(model, scene.cloth, np.stack(vertices)),
     )

@@ -54,7 +54,7 @@ def plot_training(csv_path: Path, picture_path: Path) -> None:
     Raises:
         InputError: when the table does not exist, has no such columns or no number in them, or a cell is not a number.
     """
-    _save(training_figure(read_training(csv_path)), picture_path)
+    save_figure(training_figure(read_training(csv_path)), picture_path)
 
 
 def plot_inference(rows: Sequence[tuple[int, str, float, float]], picture_path: Path) -> None:
@@ -65,7 +65,7 @@ def plot_inference(rows: Sequence[tuple[int, str, float, float]], picture_path: 
             an instance has no row for this member, or one with NaN: a gap in the curve.
         picture_path: the PNG to write; it is replaced only once the new one is complete.
     """
-    _save(inference_figure(rows), picture_path)
+    save_figure(inference_figure(rows), picture_path)
 
 
 def read_training(csv_path: Path) -> dict[str, dict[str, Curve]]:
@@ -184,7 +184,8 @@ def _number(text: str | None, place: str) -> float:
         raise InputError(f"{place}: {text!r} is not a number; expected one or an empty cell") from error
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a PNG, which takes its place only when it is complete."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:

@@ -1,4 +1,4 @@
-"""``python reproduce.py``: its table by hand, its refusals, and a whole small one that goes on where it was stopped."""
+"""``python reproduce.py``: its refusals, and a whole small one that goes on where it was stopped."""
 
 import json
 import shutil
@@ -8,28 +8,7 @@ from typing import Any
 
 import pytest
 
-from geoskill.apps.reproduce import make_table
-
 Command = Callable[..., Any]
-
-
-def score(accuracy: float | None, hand: float = 0.0) -> dict[str, Any]:
-    return {"top1_accuracy": accuracy, "hand_rate": hand, "feasible_frames": 40, "frames": 41}
-
-
-def test_a_row_has_median_and_worst_over_its_seeds() -> None:
-    runs = [
-        {"rsw": rsw, "steps": 400, "here": score(accuracy, hand)}
-        for rsw, accuracy, hand in ((0.004, 0.9, 0.1), (0.002, 0.5, 0.3), (0.03, 1.0, 0.0))
-    ]
-    rows = make_table({"default": runs}, ["here"]).splitlines()
-    assert rows[0] == "| | seeds | here median | worst | hand | feasible | RSW | steps |"
-    assert rows[2] == "| default | 3 | 0.900 | 0.500 | 0.100 | 40/41 | 0.40 % | 400 |"
-
-
-def test_nothing_feasible_is_no_number() -> None:
-    table = make_table({"default": [{"rsw": 0.0, "steps": 1, "here": score(None)}]}, ["here"])
-    assert "| default | 1 | none | none | 0.000 |" in table
 
 
 @pytest.mark.parametrize(
@@ -64,15 +43,20 @@ def test_train_score_and_go_on(
         shutil.copytree(demonstration_folder, data / name)
         regions = {"image_size": [160, 120], "frames": {"0": labels, "19": labels}}
         (data / f"{name}.regions.json").write_text(json.dumps(regions))
-    overrides = [override for override in tiny if not override.startswith(("task.", "logger", "threads"))]
+    overrides = [override for override in tiny if not override.startswith(("task", "logger", "threads"))]
     artifact = {
         "name": "tiny",
         "data": str(data),
-        "train_on": "human1",
-        "test_on": ["human1", "robot1"],
+        "train": ["task=video", "task.path=${artifact.data}/human1"],
+        "tests": {
+            name: [f"video=${{artifact.data}}/{name}", f"regions=${{artifact.data}}/{name}.regions.json"]
+            for name in ("human1", "robot1")
+        },
         "every": 5,
         "seeds": [3],
         "rows": {"default": overrides},
+        "published": {"default": {"human1": 50.0}},
+        "baseline": False,
     }
     (tmp_path / "conf" / "artifact").mkdir(parents=True)
     (tmp_path / "conf" / "artifact" / "tiny.yaml").write_text(json.dumps(artifact))
@@ -84,6 +68,9 @@ def test_train_score_and_go_on(
     assert scores["seed"] == 3
     assert scores["robot1"]["frames"] == 4
     assert "| default | 1 |" in (run / "full" / "table.md").read_text()
+    assert "(published 50.0)" in (run / "full" / "table.md").read_text()
+    for name in ("table.csv", "table.json", "accuracy.png", "training.png"):
+        assert (run / "full" / name).stat().st_size > 0
 
     checkpoint = run / "full" / "default" / "3" / "skill.ckpt"
     before = checkpoint.stat().st_mtime_ns
