@@ -40,8 +40,8 @@ def rotation_vector(rotation: Rotation) -> Vector:
     if angle < math.pi - 1e-4:
         vector: Vector = skew if angle < 1e-8 else skew * (angle / math.sin(angle))
         return vector
-    # At half a turn the skew part vanishes; R + 1 is then twice the axis times itself.
-    outer = (rotation + np.eye(3)) / 2
+    # At half a turn the skew part vanishes; the symmetric part is then (1 - cos) axis axis' + cos, and stays exact.
+    outer = (rotation + rotation.T) / 2 - math.cos(angle) * np.eye(3)
     column = outer[:, int(np.argmax(np.diag(outer)))]
     axis = column / np.linalg.norm(column)
     return np.asarray(axis * math.copysign(angle, 1.0 if axis @ skew >= 0 else -1.0))

@@ -1,0 +1,109 @@
+"""Rigid poses: numbers by hand, an independent reference, and inverses."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation as Reference
+
+from geoskill.geometry.poses import (
+    inverse,
+    pose,
+    quaternion,
+    rotation_about,
+    rotation_vector,
+    table_pose,
+    transform,
+)
+
+COORDINATE = st.floats(-3, 3)
+AXIS = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda axis: np.linalg.norm(axis) > 1e-3)
+POSE = st.builds(
+    lambda position, axis, angle: pose(position, rotation_about(angle * axis / np.linalg.norm(axis))),
+    st.tuples(COORDINATE, COORDINATE, COORDINATE),
+    AXIS,
+    st.floats(-10, 10),
+)
+
+
+@pytest.mark.parametrize(
+    ("vector", "start", "end"),
+    [
+        ((0, 0, math.pi / 2), (1, 0, 0), (0, 1, 0)),
+        ((math.pi / 2, 0, 0), (0, 1, 0), (0, 0, 1)),
+        ((0, math.pi / 2, 0), (0, 0, 1), (1, 0, 0)),
+        ((0, 0, math.pi), (1, 2, 3), (-1, -2, 3)),
+        ((0, 0, 0), (1, 2, 3), (1, 2, 3)),
+        # A third of a turn about the diagonal exchanges the axes.
+        (np.full(3, 2 * math.pi / 3 / math.sqrt(3)), (1, 2, 3), (3, 1, 2)),
+    ],
+)
+def test_rotations_by_hand(vector: tuple[float, ...], start: tuple[float, ...], end: tuple[float, ...]) -> None:
+    turned = rotation_about(np.array(vector, float)) @ np.array(start, float)
+    np.testing.assert_allclose(turned, end, atol=1e-12)
+
+
+@given(AXIS, st.floats(-10, 10))
+def test_rotations_like_scipy(axis: np.ndarray, angle: float) -> None:
+    vector = angle * axis / np.linalg.norm(axis)
+    expected = Reference.from_rotvec(vector)
+    found = rotation_about(vector)
+    np.testing.assert_allclose(found, expected.as_matrix(), atol=1e-12)
+    x, y, z, w = expected.as_quat(canonical=True)  # w is not negative
+    assume(w > 1e-6)  # of half a turn, both signs are right
+    np.testing.assert_allclose(quaternion(found), (w, x, y, z), atol=1e-6)
+
+
+# Past half a turn, the shorter way round is the other one. Just before it, the skew part is next to nothing.
+@given(AXIS, st.one_of(st.floats(0, math.pi), st.floats(1e-12, 1e-3).map(lambda rest: math.pi - rest)))
+def test_a_rotation_vector_gives_its_rotation_back(axis: np.ndarray, angle: float) -> None:
+    vector = angle * axis / np.linalg.norm(axis)
+    found = rotation_vector(rotation_about(vector))
+    assert np.linalg.norm(found) <= math.pi + 1e-12
+    np.testing.assert_allclose(rotation_about(found), rotation_about(vector), atol=1e-7)
+    if angle < math.pi - 1e-2:
+        np.testing.assert_allclose(found, vector, atol=1e-7)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, -0.8), (-0.48, 0.6, 0.64)])
+def test_half_a_turn_has_either_axis(axis: tuple[float, ...]) -> None:
+    direction = np.array(axis, float)
+    # By the axis alone, without Rodrigues: half a turn keeps what lies along it and turns the rest over.
+    found = rotation_vector(2 * np.outer(direction, direction) - np.eye(3))
+    assert np.linalg.norm(found) == pytest.approx(math.pi)
+    assert abs(found @ direction) == pytest.approx(math.pi)
+
+
+def test_the_rotation_vector_of_a_rest_and_of_a_tiny_turn() -> None:
+    np.testing.assert_array_equal(rotation_vector(np.eye(3)), np.zeros(3))
+    tiny = np.array([1e-9, -2e-9, 3e-9])
+    np.testing.assert_allclose(rotation_vector(rotation_about(tiny)), tiny, rtol=1e-6)
+
+
+@given(POSE)
+def test_a_pose_and_its_inverse_cancel(matrix: np.ndarray) -> None:
+    np.testing.assert_allclose(matrix @ inverse(matrix), np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(inverse(matrix), np.linalg.inv(matrix), atol=1e-12)
+
+
+@given(POSE, POSE, st.lists(st.tuples(COORDINATE, COORDINATE, COORDINATE), max_size=3))
+def test_transforms_follow_one_another_and_keep_distances(
+    outer: np.ndarray, inner: np.ndarray, rows: list[tuple[float, float, float]]
+) -> None:
+    points = np.array(rows, float).reshape(-1, 3)
+    moved = transform(outer @ inner, points)
+    np.testing.assert_allclose(moved, transform(outer, transform(inner, points)), atol=1e-12)
+    lengths = np.linalg.norm(np.diff(moved, axis=0), axis=1)
+    np.testing.assert_allclose(lengths, np.linalg.norm(np.diff(points, axis=0), axis=1), atol=1e-12)
+
+
+def test_something_on_the_table_by_hand() -> None:
+    place = table_pose(0.1, -0.2, math.pi / 2, 0.3)
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 1]])
+    np.testing.assert_allclose(
+        transform(place, corners), [[0.1, -0.2, 0.3], [0.1, 0.8, 0.3], [-0.9, -0.2, 1.3]], atol=1e-12
+    )
+    np.testing.assert_allclose(quaternion(place[:3, :3]), [math.sqrt(0.5), 0, 0, math.sqrt(0.5)], atol=1e-12)
+    np.testing.assert_array_equal(quaternion(np.eye(3)), [1, 0, 0, 0])
