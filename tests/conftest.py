@@ -1,14 +1,19 @@
 """What all tests share."""
 
+import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 
+from geoskill.errors import InputError
 from geoskill.skill.description import describe
+
+if TYPE_CHECKING:
+    from geoskill.simulation.recording import Recording
 
 CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
@@ -77,4 +82,110 @@ def description(small_model: dict[str, Any]) -> dict[str, Any]:
         small_model,
         {"max_features": 10, "min_side": 0},
         alternatives=4,
+    )
+
+
+@pytest.fixture(scope="session")
+def opengl() -> None:
+    """For what renders: passes by where no OpenGL context can be had, but not where tests are run automatically."""
+    import mujoco
+
+    from geoskill.simulation.renderer import Renderer, add_camera
+
+    spec = mujoco.MjSpec()
+    add_camera(spec, 64, 48)
+    try:
+        Renderer(spec.compile(), 64, 48).close()
+    except InputError as error:
+        if "CI" in os.environ:
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def hand_made_recording() -> "Recording":
+    """Two frames seen from 1 m above the table, where a pixel is 1.25 cm wide on the table and 1 cm on top of the box.
+
+    Row 15, column 20 is above the world's origin; x is to the right, y is up in the picture. Column 40 shows nothing.
+
+    - tile (the target), at x = 0.125 on the table: columns 27 to 33, rows 12 to 18.
+    - box (the object), 0.2 m high, its frame on its top: at first at x = -0.08, columns 10 to 14, rows 13 to 17; at
+      the goal at x = 0.1 and a quarter turn counterclockwise: columns 28 to 32 of the same rows.
+    - finger (of the actor), 0.25 m high: columns 11 to 13, rows 9 to 12, just above the box; at the goal in the
+      picture's bottom right corner, columns 38 to 40, rows 28 to 30.
+    """
+    from geoskill.geometry.camera import PinholeCamera
+    from geoskill.geometry.poses import pose, rotation_about
+    from geoskill.simulation.recording import Recording, as_png
+    from geoskill.simulation.tasks.task import Role, RolePart
+
+    bodies = ["world", "table", "box", "tile", "finger"]
+    above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
+    shown, depths = [], []
+    for box, finger in (
+        (np.s_[13:18, 10:15], np.s_[9:13, 11:14]),
+        (np.s_[13:18, 28:33], np.s_[28:31, 38:41]),
+    ):
+        number, depth = np.full((31, 41), 1, np.uint8), np.full((31, 41), 10000, np.uint16)
+        number[:, 40], depth[:, 40] = 0, 65535
+        for name, where, at in (
+            ("tile", np.s_[12:19, 27:34], 10000),
+            ("box", box, 8000),
+            ("finger", finger, 7500),
+        ):
+            number[where], depth[where] = bodies.index(name) + 2, at
+        number[number == 1] = bodies.index("table") + 2
+        shown.append(as_png(number))
+        depths.append(as_png(depth))
+    still = [pose((0.0, 0.0, 0.0)), pose((0.0, 0.0, 0.0)), pose((0.125, 0.0, 0.0))]
+    turned = pose((0.1, 0.0, 0.2), rotation_about(np.array([0.0, 0.0, np.pi / 2])))
+    poses = [
+        [still[0], still[1], box_pose, still[2], pose((0.0, 0.0, 0.25))]
+        for box_pose in (pose((-0.08, 0.0, 0.2)), turned)
+    ]
+    picture = cv2.imencode(".jpg", np.full((31, 41, 3), 90, np.uint8))[1].tobytes()
+    return Recording(
+        pictures=[picture] * 2,
+        shown=shown,
+        depths=depths,
+        bodies=bodies,
+        poses=np.array(poses),
+        lens=PinholeCamera(41, 31, 80.0, np.eye(4)),
+        camera=np.stack([above, above]),
+        roles=(RolePart("box", Role.OBJECT), RolePart("tile", Role.TARGET), RolePart("finger", Role.ACTOR)),
+    )
+
+
+@pytest.fixture(scope="session")
+def folded_cloth(hand_made_recording: "Recording") -> "Recording":
+    """The same camera over nothing but a square cloth of 10 cm, its near left corner at the origin, at first flat.
+
+    It is made of two triangles, below and above the diagonal from the near left to the far right corner. At the goal
+    the far left corner lies 4 cm above the near right one, and the upper triangle bears the mirror image of the lower.
+    The object is what is farther than 5 cm from the near edge, the target the rest.
+    """
+    from dataclasses import replace
+
+    from geoskill.simulation.recording import Cloth, as_png
+    from geoskill.simulation.tasks.task import INFINITE, Role, RolePart
+
+    rest = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
+    folded = rest.copy()
+    folded[3] = [0.1, 0.0, 0.04]
+    number = np.zeros((31, 41), np.uint8)
+    number[7:16, 20:29] = 1
+    flat = np.full((31, 41), 10000, np.uint16)
+    over = flat.copy()
+    over[13, 26] = 9804  # 0.98039 is where the ray meets the upper layer
+    return replace(
+        hand_made_recording,
+        shown=[as_png(number)] * 2,
+        depths=[as_png(flat), as_png(over)],
+        bodies=["world", "cloth"],
+        poses=np.tile(np.eye(4), (2, 2, 1, 1)),
+        roles=(
+            RolePart("cloth", Role.OBJECT, lower=(-INFINITE, 0.05, -INFINITE)),
+            RolePart("cloth", Role.TARGET),
+        ),
+        cloth=Cloth("cloth", rest, np.array([[0, 1, 2], [0, 2, 3]]), np.stack([rest, folded])),
     )

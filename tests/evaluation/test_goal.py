@@ -1,0 +1,128 @@
+"""Strict verdicts: on the hand-made recording, whose fixture says what is where, and at the edge of what is right."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from geoskill.evaluation.goal import judge_at_goal
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Region
+from geoskill.evaluation.regions import FrameRegions
+from geoskill.evaluation.simulated import SimulatedFrame
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel
+from geoskill.kernels.l2l import LineToLine
+from geoskill.kernels.p2l import PointToLine
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.kernels.par import Parallel
+from geoskill.simulation.recording import Recording
+from geoskill.skill.association import Node
+
+XY = tuple[float, ...]
+
+# On the first frame. At the goal the box's right edge is its far one, at (30, 13), where the tile has a point, too.
+ON_BOX, BESIDE_IT, MEETS_IT, THREE_AWAY = (14.0, 15.0), (14.0, 16.0), (30.0, 13.0), (33.0, 13.0)
+TABLE, FINGER = (20.0, 25.0), (12.0, 9.0)
+# The middle row of the box, which comes to lie on column 30 of the tile; and the tile's right column.
+ROW, COLUMN, RIGHT = (10.0, 15.0, 14.0, 15.0), (30.0, 12.0, 30.0, 18.0), (33.0, 12.0, 33.0, 18.0)
+
+
+def nodes(*places: XY) -> tuple[Node, ...]:
+    return tuple(Node(NodeType.POINT if len(place) == 2 else NodeType.LINE, place) for place in places)
+
+
+def features(*places: XY) -> dict[NodeType, FeatureSet]:
+    found = {}
+    for kind in NodeType:
+        rows = [place for place in places if len(place) == kind.geometry_dim]
+        geometry = np.array(rows, np.float32).reshape(-1, kind.geometry_dim)
+        found[kind] = FeatureSet(kind, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32))
+    return found
+
+
+@pytest.fixture(scope="module")
+def labels(hand_made_recording: Recording) -> SimulatedFrame:
+    return SimulatedFrame(hand_made_recording, 0)
+
+
+@pytest.mark.parametrize(
+    ("top", "others", "error_m", "feasible"),
+    [
+        ((ON_BOX, MEETS_IT), (), 0.0, True),
+        ((MEETS_IT, ON_BOX), (), 0.0, True),
+        ((ON_BOX, THREE_AWAY), (), 0.03, False),  # 3 px of 1 cm
+        ((ON_BOX, THREE_AWAY), (MEETS_IT,), 0.03, True),
+        ((ON_BOX, TABLE), (MEETS_IT,), None, True),
+        ((FINGER, ON_BOX), (THREE_AWAY,), None, False),
+        # Within one thing nothing joins, even where it meets; its error is as far as its points are apart, for good.
+        ((ON_BOX, BESIDE_IT), (), 0.01, False),
+        ((MEETS_IT, MEETS_IT), (), 0.0, False),
+        ((), (ON_BOX, MEETS_IT), None, True),
+        ((), (), None, False),
+    ],
+)
+def test_points(
+    labels: SimulatedFrame, top: Sequence[XY], others: Sequence[XY], error_m: float | None, feasible: bool
+) -> None:
+    verdict = judge_at_goal(PointToPoint(), nodes(*top), features(*top, *others), labels)
+    assert verdict is not None
+    assert verdict.feasible is feasible
+    assert verdict.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
+
+
+@pytest.mark.parametrize(
+    ("kernel", "top", "error_m", "feasible"),
+    [
+        (LineToLine(), (ROW, COLUMN), 0.0, True),
+        # Both of the error's numbers are the distance of the parallel lines.
+        (LineToLine(), (ROW, RIGHT), 0.03 * 2**0.5, False),
+        (LineToLine(), (ROW, (*TABLE, 28.0, 25.0)), None, False),
+        (LineToLine(), (ROW, (30.0, 14.0, 30.0, 25.0)), None, False),  # one end is off the tile
+        (PointToLine(), (MEETS_IT, ROW), 0.0, True),
+        (PointToLine(), (THREE_AWAY, ROW), 0.03, False),
+        (PointToLine(), (ON_BOX, RIGHT), 0.03, False),
+    ],
+)
+def test_lines(
+    labels: SimulatedFrame, kernel: Kernel, top: Sequence[XY], error_m: float | None, feasible: bool
+) -> None:
+    verdict = judge_at_goal(kernel, nodes(*top), features(*top), labels)
+    assert verdict is not None
+    assert verdict.feasible is feasible
+    assert verdict.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
+
+
+def test_an_angle_is_no_length_and_a_video_has_no_goal(labels: SimulatedFrame) -> None:
+    assert judge_at_goal(Parallel(), nodes(ROW, COLUMN), features(ROW, COLUMN), labels) is None
+    outlines = FrameRegions({region: np.zeros((0, 2), np.float32) for region in Region})
+    top = (ON_BOX, MEETS_IT)
+    assert judge_at_goal(PointToPoint(), nodes(*top), features(*top), outlines) is None
+
+
+class Pair(FrameLabels):
+    """Everything left of column 50 is on the object, the rest on the target; the goal is 100 px to the right of it.
+
+    A pixel is a millimetre wide.
+    """
+
+    def label(
+        self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
+    ) -> Region | None:
+        return Region.OBJECT if point[0] < 50 else Region.TARGET
+
+    def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> list[tuple[float, float] | None] | None:
+        return [(x + 100 if x < 50 else x, y) for x, y in coordinates]
+
+    @property
+    def goal_pixel_m(self) -> float | None:
+        return 0.001
+
+
+@pytest.mark.parametrize(("apart_px", "feasible"), [(0.0, True), (2.99, True), (3.01, False)])
+def test_three_millimetres_are_right(apart_px: float, feasible: bool) -> None:
+    top = ((10.0, 20.0), (110.0, 20.0 + apart_px))
+    verdict = judge_at_goal(PointToPoint(), nodes(*top), features(*top), Pair())
+    assert verdict is not None
+    assert verdict.error_m == pytest.approx(apart_px / 1000)
+    assert verdict.feasible is feasible
