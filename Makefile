@@ -4,6 +4,7 @@ VENV ?= .venv
 ARGS ?=
 WORKERS ?= 2
 
+EGL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 READY := $(VENV)/installed
 RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
@@ -13,7 +14,7 @@ PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
-train: $(READY) ## learn a skill: make train ARGS="kernel=p2p task=video task.path=DIR_OR_FILE"
+train: $(READY) ## learn a skill, simulated sorting or a video of yours: make train ARGS="kernel=p2p task=video task.path=DIR_OR_FILE"
 	@$(RUN) train.py $(ARGS)
 
 infer: $(READY) ## ask a skill: make infer ARGS="skill=RUN/skill.ckpt video=VIDEO"
@@ -57,4 +58,12 @@ $(READY): pyproject.toml constraints.txt
 # Alone and by its exact version, so that nothing else decides which build of PyTorch comes.
 	@$(PIP) "$$(grep '^torch==' constraints.txt)"
 	@$(PIP) --editable ".[dev]"
+# The simulated tasks are rendered through EGL, which is no Python package.
+	@$(RUN) -c 'import ctypes.util, sys; sys.exit(sys.platform == "linux" and not ctypes.util.find_library("EGL"))' || { \
+		if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+			echo "no EGL for rendering; running apt-get install $(EGL_PACKAGES)" >&2; \
+			apt-get update -qq && apt-get install -y -qq $(EGL_PACKAGES); \
+		else \
+			echo "no EGL: the simulated tasks cannot be rendered; on Debian: sudo apt-get install $(EGL_PACKAGES)" >&2; \
+		fi; }
 	@touch $@

@@ -127,6 +127,8 @@ def _hydra_message(error: BaseException) -> str:
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     text = " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=", "reference_type=")))
     if text.startswith("Could not override"):
-        return f"{text.rstrip('.')}: there is no such key; expected one that --cfg job shows"
+        # The keys of a task depend on which one it is.
+        video = "task=video for a video of yours, or " if "'task." in text else ""
+        return f"{text.rstrip('.')}: there is no such key; expected {video}one that --cfg job shows"
     node = next((line.partition(":")[2].strip() for line in lines if line.startswith("full_key:")), "")
     return text if node in text else f"{node}: {text}"

@@ -27,7 +27,7 @@ def quiet_libraries() -> None:
     """Keep advice that is meant for others than our users from the terminal."""
     os.environ.setdefault("WANDB_SILENT", "true")
     logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
-    for package in ("lightning.pytorch", "lightning.fabric"):
+    for package in ("lightning.pytorch", "lightning.fabric", "OpenGL"):
         logging.getLogger(package).setLevel(logging.WARNING)
     for message in (
         ".*does not have many workers.*",  # batches are cut from memory

@@ -96,8 +96,6 @@ def _track(recording: Recording, points: Points) -> tuple[Points, np.ndarray]:
 def _flow(
     start: UInt8[np.ndarray, "height width"], end: UInt8[np.ndarray, "height width"], points: Points
 ) -> tuple[Points, np.ndarray]:
-    guess = points.copy()  # filled by OpenCV
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        start, end, points[:, None], guess[:, None], winSize=(21, 21), maxLevel=3
-    )
+    guess = points[:, None].copy()  # OpenCV writes into it
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(start, end, points[:, None], guess, winSize=(21, 21), maxLevel=3)
     return moved[:, 0], status[:, 0] == 1

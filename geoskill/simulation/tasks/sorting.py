@@ -15,9 +15,10 @@ from geoskill.simulation.parts import add_box, add_printed_box, moving_body, tex
 from geoskill.simulation.tasks.task import Rigid, Role, RolePart, TablePlace, Task, TaskScene
 from geoskill.simulation.textures import print_on_card, wood
 
-HALF_BOX = (0.030, 0.030, 0.020)
-HALF_TILE = 0.043
-PITCH = 0.096
+# The tile is larger than the box, so that what the box is brought to can still be seen when it is there.
+HALF_BOX = (0.027, 0.027, 0.018)
+HALF_TILE = 0.047
+PITCH = 0.102
 COLUMNS, ROWS = 3, 2
 FLOOR = 0.006
 OBJECT, TARGET = "box", "tile"
