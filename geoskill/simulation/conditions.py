@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from geoskill.errors import InputError
 from geoskill.geometry.camera import looking_at
-from geoskill.geometry.poses import Pose
+from geoskill.geometry.poses import Pose, rotation_about
 from geoskill.simulation.motion import minimum_jerk
 from geoskill.simulation.tasks.task import Spread
 
@@ -21,6 +21,9 @@ START_SPREAD = Spread(0.02, 0.02, math.radians(30))
 
 CAMERA_POSITION = np.array([0.0, -0.46, 0.56])
 CAMERA_TARGET = np.array([0.02, 0.02, 0.02])
+
+# When the camera looks aside and is back, in shares of the recording, how long it turns, and how far.
+ASIDE_BEGIN, ASIDE_END, ASIDE_TURN, ASIDE_RAD = 0.06, 0.62, 0.12, math.radians(52)
 
 
 @final
@@ -34,7 +37,7 @@ class Conditions:
         random_target: another table, and the target anywhere on it.
         move_camera: the camera turns about the scene and is displaced while it records.
         occlusion: something passes before the target.
-        outside_fov: the object is carried out of the picture and back.
+        outside_fov: the object leaves the picture and comes back: it is carried out, or the camera looks aside.
         illumination: the room is dark, and a lamp is moved about in it.
         severity: of whatever is made difficult: 1 as described, 0 not at all.
 
@@ -82,8 +85,9 @@ def camera_course(
     if not conditions.move_camera:
         return np.repeat(looking_at(position, target)[None], frames, axis=0)
     side = random.choice([-1.0, 1.0])
-    azimuth = side * conditions.severity * math.radians(random.uniform(22, 30))
-    roll = side * conditions.severity * math.radians(random.uniform(8, 14))
+    azimuth = side * conditions.severity * math.radians(random.uniform(18, 24))
+    # Seen from behind, the camera looks down: the other way about its axis adds to the turn about the vertical.
+    roll = -side * conditions.severity * math.radians(random.uniform(8, 14))
     shift = conditions.severity * random.uniform(-0.03, 0.03, 3)
     course: list[Pose] = []
     for share in minimum_jerk(np.linspace(0, 1, frames)):
@@ -91,3 +95,14 @@ def camera_course(
         about = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         course.append(looking_at(target + about @ (position - target) + share * shift, target, share * roll))
     return np.stack(course)
+
+
+def looking_aside(camera: Float64[np.ndarray, "frames 4 4"], severity: float) -> Float64[np.ndarray, "frames 4 4"]:
+    """The same course, but that the camera is panned to its left for a while: what it sees leaves to the right."""
+    share = np.linspace(0, 1, len(camera))
+    panned = minimum_jerk(np.clip(np.minimum(share - ASIDE_BEGIN, ASIDE_END - share) / ASIDE_TURN, 0, 1))
+    course = camera.copy()
+    for matrix, part in zip(course, panned, strict=True):
+        # About the vertical, as on a tripod: the horizon stays level, and the table fills the picture.
+        matrix[:3, :3] = rotation_about(np.array([0.0, 0.0, part * severity * ASIDE_RAD])) @ matrix[:3, :3]
+    return course

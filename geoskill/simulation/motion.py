@@ -112,7 +112,7 @@ def _path(way: Way, carried: Course, frames: int, side: Float64[np.ndarray, "3"]
     controls = np.stack([first, over_start + side, over_goal + side * np.array([0.6, 0.6, 1.0]), above])
     if way.detour is not None:
         # Slow where it is farthest away.
-        carried = carried + 0.7 * np.sin(2 * math.pi * carried) / (2 * math.pi)
+        carried = carried + 0.85 * np.sin(2 * math.pi * carried) / (2 * math.pi)
     share = carried[:, None]
     curve = (
         (1 - share) ** 3 * controls[0]

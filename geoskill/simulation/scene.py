@@ -14,7 +14,7 @@ from geoskill.simulation.actors.actor import BODY as ACTOR
 from geoskill.simulation.actors.actor import Actor, place
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
-from geoskill.simulation.conditions import START_SPREAD, Conditions, camera_course
+from geoskill.simulation.conditions import START_SPREAD, Conditions, camera_course, looking_aside
 from geoskill.simulation.motion import Motion, Way, human_motion, robot_motion
 from geoskill.simulation.randomness import generator
 from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, as_png
@@ -43,7 +43,7 @@ class RecordingSettings:
         conditions: who does it, and under what conditions.
         seed: of everything by which the things are recognised: prints and colours.
         take: name of the recording; draws everything else, such as places, path and speed.
-        stride: only every so many frames are rendered, counted back from the last; all of them move the things.
+        stride: only every so many frames are rendered, and the last one; all of them move the things.
 
     Raises:
         ValueError: when ``stride`` is not positive.
@@ -88,7 +88,7 @@ def record(settings: RecordingSettings) -> Recording:
     lens = renderer.lens(WIDTH, HEIGHT)
     camera = camera_course(conditions, frames, take)
     way = Way(scene.start, scene.goal, scene.approach, scene.height)
-    if conditions.outside_fov and hard:
+    if conditions.outside_fov and hard and scene.cloth is None:
         way = Way(scene.start, scene.goal, scene.approach, scene.height, _outside(lens, camera[0], conditions, way))
     if conditions.actor == "human":
         motion = human_motion(way, frames, conditions.confidence, take)
@@ -100,6 +100,8 @@ def record(settings: RecordingSettings) -> Recording:
         courses[PASSER_BY] = _passing(conditions, camera, lens, scene, take)
     if dark > 0:
         courses["lamp"] = lamp_course(frames, take)
+    if conditions.outside_fov and hard and scene.cloth is not None:
+        camera = looking_aside(camera, conditions.severity)  # for a cloth that lies on the table cannot be carried away
     return _play(spec, scene, actor, motion, camera, lens, courses, take, settings.stride)
 
 
@@ -139,6 +141,7 @@ def _play(
     data = mujoco.MjData(model)
     pictures, shown, depths, poses, vertices = [], [], [], [], []
     exposures = exposure_course(len(camera), take)
+    rendered = sorted({*range(0, len(camera), stride), len(camera) - 1})
     scene.carrying.start(model, data, motion.led[0])
     with renderer.Renderer(model, lens.width, lens.height) as rendering:
         for frame, matrix in enumerate(camera):
@@ -149,7 +152,7 @@ def _play(
             for body, course in courses.items():
                 place(model, data, body, course[frame])
             scene.carrying.lead(model, data, led, bool(motion.held[frame]), 1 / FRAME_RATE)
-            if (len(camera) - 1 - frame) % stride:
+            if frame not in rendered:
                 continue
             pictures.append(compress(expose(rendering.picture(data), exposures[frame], take)))
             shown.append(as_png((rendering.bodies(data) + 2).astype(np.uint8)))
@@ -166,7 +169,7 @@ def _play(
         names,
         np.stack(poses),
         lens,
-        camera[(len(camera) - 1) % stride :: stride],
+        camera[rendered],
         (*scene.roles, *(RolePart(name, Role.ACTOR) for name in _parts(model, ACTOR))),
         None if scene.cloth is None else _cloth(model, scene.cloth, np.stack(vertices)),
     )
