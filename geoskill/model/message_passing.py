@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
+from geoskill.model.bilinear import Bilinear
 from geoskill.model.encoder import DescriptorEncoder
 from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
@@ -62,9 +63,12 @@ class MessagePassing(InstanceScorer):
         encoder_dim: width of the descriptors' encoder; None for a linear one.
         read_out: ``perceptron`` on the final states, as in the paper, or ``product`` of two of them.
         shared_weights: one set of weights for all steps, as in Gilmer et al., or one for each.
+        direct_dim: width of a factorised score of the descriptors themselves (:class:`Bilinear`), which is added to
+            what message passing says; None for none. Messages let an unknown partner change the state of a known
+            feature in ways that no demonstration has shown; the direct score cannot be changed by it.
 
     Raises:
-        InputError: when ``hidden_dim`` or ``layers`` is below 1.
+        InputError: when ``hidden_dim``, ``layers`` or ``direct_dim`` is below 1.
     """
 
     def __init__(
@@ -76,16 +80,18 @@ class MessagePassing(InstanceScorer):
         shared_weights: bool,
         read_out: str,
         encoder_dim: int | None = None,
+        direct_dim: int | None = None,
     ) -> None:
         super().__init__()
-        for name, value in (("hidden_dim", hidden_dim), ("layers", layers)):
-            if value < 1:
+        for name, value in (("hidden_dim", hidden_dim), ("layers", layers), ("direct_dim", direct_dim)):
+            if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
         self.motif = motif
         self.steps = layers
         self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
+        self.direct = None if direct_dim is None else Bilinear(motif, hidden_dim=direct_dim)
 
     def layer(self, step: int) -> MessageLayer:
         """The layer of this step."""
@@ -102,4 +108,4 @@ class MessagePassing(InstanceScorer):
         for step in range(self.steps):
             states = self.layer(step)(states, self.motif.edges)
         scores: Tensor = self.read_out(states)
-        return scores
+        return scores if self.direct is None else scores + self.direct(descriptors, instance_index)

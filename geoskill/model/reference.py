@@ -67,4 +67,7 @@ def reference_scores(
 
     # An instance at a time, and so the read-out is a part of what the dense path is compared with.
     of_instances = states.reshape(len(graphs), len(motif.roles), -1)
-    return torch.cat([scorer.read_out([state[None] for state in instance]) for instance in of_instances])
+    scores = torch.cat([scorer.read_out([state[None] for state in instance]) for instance in of_instances])
+    if scorer.direct is None:
+        return scores
+    return scores + torch.cat([scorer.direct(descriptors, instance[:, None]) for instance in instance_index.T])

@@ -14,7 +14,9 @@ P2P = Motif.of(PointToPoint(), {POINT: 6})
 PATH = Motif((POINT,) * 3, ((0, 1), (1, 2), (1, 0), (2, 1)), ((0, 1, 2), (2, 1, 0)), {POINT: 6})
 
 
-@pytest.mark.parametrize(("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5), ("direct_dim", 0)]
+)
 def test_sizes_below_one_are_refused(name: str, value: int) -> None:
     with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
         MessagePassing(
