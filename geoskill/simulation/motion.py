@@ -99,7 +99,9 @@ def minimum_jerk(share: Course) -> Course:
     return np.asarray(10 * share**3 - 15 * share**4 + 6 * share**5)
 
 
-def _path(way: Way, carried: Course, frames: int, side: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "frames 4 4"]:
+def _path(
+    way: Way, carried: Float64[np.ndarray, " carried"], frames: int, side: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "frames 4 4"]:
     """Start, a curve to above the goal, a straight stretch onto it, rest."""
     first, last = way.start[:3, 3], way.goal[:3, 3]
     above = last + way.approach

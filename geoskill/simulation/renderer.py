@@ -1,7 +1,7 @@
 """Pictures, bodies and depths of a MuJoCo scene, without a display."""
 
 from types import TracebackType
-from typing import Self, final
+from typing import final
 
 import mujoco
 import numpy as np
@@ -58,7 +58,7 @@ class Renderer:
                 f" sudo apt-get install {SYSTEM_PACKAGES}"
             ) from error
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Renderer":
         return self
 
     def __exit__(

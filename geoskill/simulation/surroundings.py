@@ -65,8 +65,8 @@ def add_light(spec: mujoco.MjSpec, dark: float, random: np.random.Generator) -> 
             type=mujoco.mjtLightType.mjLIGHT_SPOT,
             cutoff=75,
             exponent=2,
-            attenuation=[1.0, 0.0, 3.5],
-            diffuse=[1.15 * dark] * 3,
+            attenuation=[1.0, 0.0, 1.5],
+            diffuse=[0.8 * dark] * 3,
             specular=[0.3] * 3,
             castshadow=True,
         )
@@ -78,7 +78,7 @@ def lamp_course(frames: int, random: np.random.Generator) -> Float64[np.ndarray,
     course = []
     for share in np.linspace(0, 1, frames):
         angle = start + share * turn
-        course.append(pose((0.30 * math.cos(angle), 0.25 * math.sin(angle), 0.40)))
+        course.append(pose((0.35 * math.cos(angle), 0.30 * math.sin(angle), 0.65)))
     return np.stack(course)
 
 
