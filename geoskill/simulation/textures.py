@@ -1,6 +1,7 @@
 """Pictures on the surfaces of things, drawn at random: prints, wood, felt, cloth, metal, skin.
 
-All are RGB ``[size, size, 3]`` uint8. Grain of several scales lies over each, since no real surface is of one colour.
+All are RGB and as high as wide, :data:`SIZE`. Grain of several scales lies over each, since no real surface is of one
+colour.
 """
 
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-Texture = UInt8[np.ndarray, "size size 3"]
+Texture = UInt8[np.ndarray, "height width 3"]
 Colour = Sequence[float]  # red, green, blue
 
 SIZE = 512

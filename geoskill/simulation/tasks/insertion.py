@@ -14,6 +14,7 @@ from geoskill.simulation.tasks.task import Rigid, Role, RolePart, TablePlace, Ta
 from geoskill.simulation.textures import print_on_card, striped_print
 
 Picture = UInt8[np.ndarray, "height width 3"]
+Part = UInt8[np.ndarray, "part_height part_width 3"]
 
 HALF_BLOCK = (0.019, 0.075, 0.017)
 # The holder's frame is on the table; its slot is open above and behind, where the block is held.
@@ -129,7 +130,7 @@ def _add_distractors(spec: mujoco.MjSpec, looks: np.random.Generator) -> None:
     add_cylinder(tin, (0, 0, 0), (0, 0, 0.030), 0.020, colour=colour)
 
 
-def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Picture:
+def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Part:
     """The part of the sheet over a rectangle of the holder's frame, bordered, since edges are to be clear lines."""
     scale = len(sheet) / SHEET
     left, right = (round((value + SHEET / 2) * scale) for value in x)
@@ -139,7 +140,7 @@ def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Pict
     return part
 
 
-def _strip(card: Picture, size: tuple[float, float]) -> Picture:
+def _strip(card: Picture, size: tuple[float, float]) -> Part:
     """A part of a card, without its border, in the proportions of a surface."""
     inner = card[16:-16, 16:-16]
     share = size[1] / size[0]

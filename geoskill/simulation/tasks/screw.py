@@ -122,7 +122,7 @@ def _add_screwdriver(spec: mujoco.MjSpec, looks: np.random.Generator) -> None:
     add_cylinder(body, (0, 0, LENGTH), (0, 0, LENGTH + 0.004), HANDLE_RADIUS * 0.8, colour=yellow)
     label = _label(looks)
     half_label = (flat * 0.9, 0.022)
-    upright = np.column_stack([(1, 0, 0), (0, 0, 1), (0, -1, 0)])
+    upright = np.column_stack([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)])
     where = pose((0.0, -HANDLE_RADIUS, middle - 0.008), upright)
     add_box(body, (*half_label, 0.0003), where, textured(spec, "label", label))
 

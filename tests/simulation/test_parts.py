@@ -1,0 +1,70 @@
+"""Materials and shapes: a picture on a box is upright and not mirrored, whichever face it is on."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from geoskill.geometry.camera import looking_at
+from geoskill.geometry.poses import pose
+from geoskill.simulation.parts import add_box, add_capsule, add_cylinder, add_printed_box, moving_body, textured
+from geoskill.simulation.renderer import Renderer, add_camera, place_camera
+
+RED, GREEN, BLUE, WHITE = (230, 20, 20), (20, 230, 20), (20, 20, 230), (230, 230, 230)
+
+
+def quarters() -> np.ndarray:
+    """Red and green above blue and white."""
+    image = np.zeros((64, 64, 3), np.uint8)
+    image[:32, :32], image[:32, 32:], image[32:, :32], image[32:, 32:] = RED, GREEN, BLUE, WHITE
+    return image
+
+
+def nearest(pixel: np.ndarray) -> tuple[int, ...]:
+    level = pixel.astype(float) * 230 / max(1.0, float(pixel.max()))
+    return min((RED, GREEN, BLUE, WHITE), key=lambda colour: float(np.abs(level - colour).sum()))
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize(
+    ("face", "camera"),
+    [
+        # From above, up in the picture is y.
+        ("+z", pose((0.0, 0.0, 0.5), np.diag([1.0, -1.0, -1.0]))),
+        ("-y", looking_at(np.array([0.0, -0.5, 0.0]), np.zeros(3))),
+        ("+y", looking_at(np.array([0.0, 0.5, 0.0]), np.zeros(3))),
+        ("+x", looking_at(np.array([0.5, 0.0, 0.0]), np.zeros(3))),
+        ("-x", looking_at(np.array([-0.5, 0.0, 0.0]), np.zeros(3))),
+    ],
+)
+def test_prints_are_upright_and_not_mirrored(face: str, camera: np.ndarray) -> None:
+    spec = mujoco.MjSpec()
+    add_camera(spec, 101, 81)
+    spec.visual.headlight.ambient = [0.8] * 3
+    material = textured(spec, "print", quarters(), shine=0.0)
+    box = moving_body(spec, "box")
+    add_printed_box(box, (0.05, 0.05, 0.05), {face: material}, (0, 0, 0), np.eye(4))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    place_camera(model, data, camera)
+    mujoco.mj_forward(model, data)
+    with Renderer(model, 101, 81) as rendering:
+        picture = rendering.picture(data)
+    # The face is some 24 px wide to either side of the middle, pixel (50, 40).
+    seen = [nearest(picture[row, column]) for row in (30, 50) for column in (40, 60)]
+    assert seen == [RED, GREEN, BLUE, WHITE]
+
+
+def test_shapes_are_where_they_are_to_be_and_touch_nothing() -> None:
+    spec = mujoco.MjSpec()
+    body = moving_body(spec, "body", pose((1.0, 2.0, 3.0)))
+    add_box(body, (0.1, 0.2, 0.3), pose((0.5, 0.0, 0.0)), colour=(0.25, 0.5, 0.75))
+    add_capsule(body, (0, 0, 0), (0, 0, 0.4), 0.05)
+    add_cylinder(body, (0, -0.3, 0), (0, 0.1, 0), 0.02)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.geom_xpos, [[1.5, 2, 3], [1, 2, 3.2], [1, 1.9, 3]], atol=1e-9)
+    np.testing.assert_allclose(model.geom_size[0], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(model.geom_size[1:, :2], [[0.05, 0.2], [0.02, 0.2]])
+    np.testing.assert_allclose(model.geom_rgba[0], [0.25, 0.5, 0.75, 1])
+    np.testing.assert_array_equal(model.geom_contype | model.geom_conaffinity, 0)

@@ -1,0 +1,67 @@
+"""The renderer on a scene of which every pixel can be told by hand."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from geoskill.errors import InputError
+from geoskill.geometry.camera import project
+from geoskill.geometry.poses import pose
+from geoskill.simulation.parts import add_box
+from geoskill.simulation.renderer import SYSTEM_PACKAGES, VERTICAL_VIEW_DEG, Renderer, add_camera, lens, place_camera
+
+WIDTH, HEIGHT = 161, 121
+# Looking down from 1 m, the world's x to the right.
+ABOVE = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
+
+
+def slab() -> mujoco.MjModel:
+    """A red slab whose top is 0.2 m high, x from 0.1 to 0.3, y from -0.05 to 0.15."""
+    spec = mujoco.MjSpec()
+    add_camera(spec, WIDTH, HEIGHT)
+    spec.visual.headlight.ambient = [1.0] * 3
+    body = spec.worldbody.add_body(name="slab")
+    add_box(body, (0.1, 0.1, 0.1), pose((0.2, 0.05, 0.1)), colour=(1, 0, 0))
+    return spec.compile()
+
+
+def test_without_a_context_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("invalid value for environment variable MUJOCO_GL")
+
+    monkeypatch.setattr(mujoco, "Renderer", fail)
+    with pytest.raises(InputError) as error:
+        Renderer(slab(), WIDTH, HEIGHT)
+    message = str(error.value)
+    assert message.startswith("no OpenGL context for rendering (RuntimeError: invalid value for environment variable")
+    assert f"sudo apt-get install {SYSTEM_PACKAGES}" in message
+
+
+def test_the_lens_sees_its_angle_from_top_to_bottom() -> None:
+    camera = lens(640, 480)
+    slope = np.tan(np.radians(VERTICAL_VIEW_DEG / 2))
+    pixels, _ = project(camera, np.array([[0.0, -slope, 1.0], [0.0, slope, 1.0]]))
+    np.testing.assert_allclose(pixels[:, 1], [-0.5, 479.5])
+
+
+@pytest.mark.usefixtures("opengl")
+def test_bodies_depths_and_colours_are_where_the_camera_model_says() -> None:
+    model = slab()
+    data = mujoco.MjData(model)
+    place_camera(model, data, ABOVE)
+    mujoco.mj_forward(model, data)
+    with Renderer(model, WIDTH, HEIGHT) as rendering:
+        numbers, depth, picture = rendering.bodies(data), rendering.depth_m(data), rendering.picture(data)
+        np.testing.assert_array_equal(rendering.bodies(data), numbers)  # one does not disturb the other
+    # At 0.8 m, a metre is this many pixels; the picture's middle is pixel (80, 60).
+    scale = 121 / 2 / np.tan(np.radians(20)) / 0.8
+    left, right, top, bottom = 80 + 0.1 * scale, 80 + 0.3 * scale, 60 - 0.15 * scale, 60 + 0.05 * scale
+    foot = 80 + 0.1 * scale * 0.8  # the left side is seen, too, down to the ground at 1 m
+    rows, columns = np.nonzero(numbers == model.body("slab").id)
+    np.testing.assert_allclose(
+        [columns.min(), columns.max(), rows.min(), rows.max()], [foot, right, top, bottom], atol=1
+    )
+    inside = np.s_[int(top) + 2 : int(bottom) - 1, int(left) + 2 : int(right) - 1]
+    np.testing.assert_allclose(depth[inside], 0.8, atol=1e-4)
+    assert np.all(picture[inside].argmax(axis=-1) == 0)
+    assert np.all(numbers[:, : int(foot) - 1] == -2)
