@@ -1,6 +1,7 @@
 """Every YAML file under ``conf/`` is a test case."""
 
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -21,12 +22,18 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.simulation.conditions import Conditions
+from geoskill.simulation.tasks.task import Task
 
 CONF = Path(configuration_folder())
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml") if path.stem != "cache")
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
 OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
 EXPERIMENTS = [name for group, name in OPTIONS if group == "experiment"]
+ARTIFACTS = [name for group, name in OPTIONS if group == "artifact"]
+SIMULATED = [name for group, name in OPTIONS if group == "task" and name != "video"]
+# What a skill is learned from is also what it is scored on.
+SHARED = {"task": ["evaluate", "train"], "scenario": ["evaluate", "train"]}
 
 
 def options(group: str) -> list[str]:
@@ -45,10 +52,9 @@ def defaults(command: str) -> dict[str, Any]:
     return {group: choice for entry in listed if isinstance(entry, dict) for group, choice in entry.items()}
 
 
-def command_of(group: str) -> str:
-    """The one command whose configuration has this group."""
-    [command] = [name for name in COMMANDS if group in defaults(name)]
-    return command
+def commands_of(group: str) -> list[str]:
+    """The commands whose configuration has this group."""
+    return [name for name in COMMANDS if group in defaults(name)]
 
 
 def parts(node: DictConfig) -> Iterator[tuple[str, Any]]:
@@ -62,8 +68,9 @@ def parts(node: DictConfig) -> Iterator[tuple[str, Any]]:
 
 def test_there_is_something_to_test() -> None:
     assert {"train", "infer", "evaluate"} <= set(COMMANDS)
-    expected = {"kernel", "descriptor", "model", "objective", "task", "trainer", "logger", "experiment"}
-    assert expected <= set(GROUPS)
+    expected = {"kernel", "descriptor", "model", "objective", "task", "scenario", "trainer", "logger", "experiment"}
+    assert expected | {"artifact"} <= set(GROUPS)
+    assert {"sorting", "insertion", "folding", "screw"} <= set(SIMULATED)
 
 
 @pytest.mark.parametrize("path", sorted(CONF.rglob("*.yaml")), ids=lambda path: str(path.relative_to(CONF)))
@@ -85,9 +92,10 @@ def test_commands_compose_and_refuse_unknown_keys_everywhere(command: str) -> No
 
 @pytest.mark.parametrize(("group", "name"), OPTIONS)
 def test_options_compose(group: str, name: str) -> None:
-    cfg = compose(command_of(group), [f"{group}={name}"])
-    OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
-    assert all(OmegaConf.is_struct(node) for _, node in parts(cfg))  # unknown keys are refused
+    for command in commands_of(group):
+        cfg = compose(command, [f"{group}={name}"])
+        OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+        assert all(OmegaConf.is_struct(node) for _, node in parts(cfg))  # unknown keys are refused
 
 
 @pytest.mark.parametrize("name", options("kernel"))
@@ -219,23 +227,75 @@ def test_the_paper_taken_literally() -> None:
     assert (cfg.demonstration.descriptor_noise, cfg.demonstration.feature_dropout) == (0, 0)
 
 
+@pytest.mark.parametrize("name", SIMULATED)
+def test_simulated_tasks(name: str) -> None:
+    train, evaluate = (compose(command, [f"task={name}"]).task for command in ("train", "evaluate"))
+    assert train == evaluate
+    task = instantiate(train.scene)
+    assert isinstance(task, Task)
+    assert task.name == name
+    assert train.every >= 1
+
+
+def test_without_a_word_a_skill_is_learned_from_a_person_who_sorts_and_scored_on_a_video() -> None:
+    train, evaluate = compose("train", return_hydra_config=True), compose("evaluate", return_hydra_config=True)
+    assert (train.hydra.runtime.choices.task, train.hydra.runtime.choices.scenario) == ("sorting", "human")
+    assert (evaluate.hydra.runtime.choices.task, evaluate.hydra.runtime.choices.scenario) == (None, "robot")
+
+
+@pytest.mark.parametrize("name", options("scenario"))
+def test_scenarios(name: str) -> None:
+    conditions = instantiate(compose("evaluate", [f"scenario={name}"]).scenario)
+    assert isinstance(conditions, Conditions)
+    difficulties = {field.name for field in fields(Conditions) if field.type is bool}
+    assert len(difficulties) == 5
+    wanted = difficulties if name == "combined" else {name} & difficulties
+    assert {key for key in difficulties if getattr(conditions, key)} == wanted
+    assert conditions.actor == ("human" if name == "human" else "robot")
+    assert name in difficulties | {"human", "robot", "combined"}
+    # What the YAML does not change is what the code does without it.
+    assert (conditions.severity, conditions.confidence) == (
+        Conditions("robot").severity,
+        Conditions("robot").confidence,
+    )
+
+
+@pytest.mark.parametrize("name", ARTIFACTS)
+def test_every_training_and_test_of_an_artifact_composes(name: str) -> None:
+    artifact = OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True)
+    assert isinstance(artifact, dict)
+    for row, overrides in artifact["rows"].items():
+        training = [*artifact["train"], *overrides]
+        compose("train", [*training, "trainer.max_epochs=2", "seed=0", "threads=1", "logger=none"])
+        learned = [override for override in training if override.startswith("task=") and override != "task=video"]
+        for test in artifact["tests"].values():
+            compose("evaluate", [*learned[-1:], *test, "every=10"])
+        assert set(artifact["published"].get(row, {})) <= set(artifact["tests"])
+    assert len(set(artifact["seeds"])) >= 3
+
+
 @pytest.mark.parametrize("group", GROUPS)
-def test_every_group_is_used_by_one_command(group: str) -> None:
-    choice = defaults(command_of(group))[group]
-    chosen = [] if choice is None else choice if isinstance(choice, list) else [choice]
-    assert set(chosen) <= set(options(group))
+def test_every_group_is_used_by_one_command_or_shared(group: str) -> None:
+    commands = commands_of(group)
+    assert commands == SHARED.get(group, commands[:1])
+    for command in commands:
+        choice = defaults(command)[group]
+        chosen = [] if choice is None else choice if isinstance(choice, list) else [choice]
+        assert set(chosen) <= set(options(group))
 
 
-def test_every_kernel_and_descriptor_in_the_code_has_its_file() -> None:
+def test_every_kernel_descriptor_and_task_in_the_code_has_its_file() -> None:
     import importlib
     import pkgutil
 
     import geoskill.features
     import geoskill.kernels
+    import geoskill.simulation.tasks
 
     for package, base, group in (
         (geoskill.kernels, Kernel, "kernel"),
         (geoskill.features, FeatureExtractor, "descriptor"),
+        (geoskill.simulation.tasks, Task, "task"),
     ):
         for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             importlib.import_module(module.name)
@@ -244,5 +304,5 @@ def test_every_kernel_and_descriptor_in_the_code_has_its_file() -> None:
                 continue
             stem = subclass.__module__.rsplit(".", 1)[1]
             assert stem in options(group)
-            target = compose("train", [f"{group}={stem}"])[group][stem]._target_
+            target = compose("train", [f"{group}={stem}"])[group]["scene" if group == "task" else stem]._target_
             assert target == f"{subclass.__module__}.{subclass.__qualname__}"
