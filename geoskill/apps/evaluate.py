@@ -33,6 +33,8 @@ def evaluate(cfg: DictConfig) -> None:
     simulated = "task" in cfg and cfg.task is not None
     if simulated and not (cfg.video is None and cfg.regions is None):
         raise InputError("task and video are both set; expected a simulated task, or video=… regions=…")
+    if simulated and "scene" not in cfg.task:
+        raise InputError("task=video is no simulated task; expected one such as task=sorting, or video=… regions=…")
     if not simulated:
         required(cfg, "video", "a labelled video file or folder of images, or task=… for a simulated one")
         required(cfg, "regions", "a JSON file of labelled regions")

@@ -130,8 +130,10 @@ def _renderer_identity() -> str:
     import mujoco
 
     import geoskill.simulation
+    from geoskill.geometry import camera, poses
 
     digest = hashlib.sha256(mujoco.__version__.encode())
-    for file in sorted(Path(geoskill.simulation.__path__[0]).rglob("*.py")):
+    simulation = sorted(Path(geoskill.simulation.__path__[0]).rglob("*.py"))
+    for file in (*simulation, Path(camera.__file__), Path(poses.__file__)):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -22,6 +22,7 @@ OPTIONAL = (
 )
 # What is expected where the default does not tell: it is null, or one of two kinds of numbers.
 EXAMPLES = {
+    "seed": 0,
     "threads": 2,
     "frame_rate": 30.0,
     "task.frame_rate": 30.0,

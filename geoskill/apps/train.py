@@ -144,6 +144,7 @@ def _check_ranges(cfg: DictConfig) -> None:
     """What no object checks when it is built."""
     for key, lowest, expected in (
         ("threads", 1, "at least 1"),
+        ("task.every", 1, "at least 1"),
         ("demonstration.descriptor_noise", 0, "0 or more"),
         ("early_stopping.patience", 0, "0 or more, or null"),
     ):

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
+from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, back_project, project
 from geoskill.geometry.poses import Pose, inverse, pose, transform
 from geoskill.simulation import renderer
@@ -46,6 +47,7 @@ class RecordingSettings:
         stride: only every so many frames are rendered, and the last one; all of them move the things.
 
     Raises:
+        InputError: when ``seed`` is negative.
         ValueError: when ``stride`` is not positive.
     """
 
@@ -56,6 +58,8 @@ class RecordingSettings:
     stride: int = 1
 
     def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"seed={self.seed}: expected 0 or more for a simulated task")
         if self.stride < 1:
             raise ValueError(f"stride={self.stride}: expected at least 1")
 

@@ -81,7 +81,9 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("+trainer.width=3", ["'width'", "Trainer"]),
         ("kernell=p2p", ["'kernell'", "--cfg job"]),
         ("kernel=p3p", ["kernel/p3p", "p2p"]),
-        ("task=insertion", ["task/insertion", "video"]),
+        ("task=welding", ["task/welding", "sorting", "video"]),
+        ("task=insertion", ["'task.path'", "no such key", "task=video"]),  # a simulated task has no path
+        ("scenario=fog", ["scenario/fog", "illumination"]),
         ("experiment=papers", ["experiment/papers", "paper"]),
         ("seed", ["'seed'", "EQUAL"]),
         ("--kernel", ["--kernel", "KEY=VALUE"]),
@@ -117,7 +119,7 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("cache.limit_mb=0", ["limit_mb=0", "positive"]),
         ("task.frame_rate=0", ["frame_rate", "0", "positive"]),
         ("task.frame_rate=x", ["task.frame_rate=x", "number"]),
-        ("task.path=null", ["task.path", "simulated tasks are not part of this version", "task.path=DIR_OR_FILE"]),
+        ("task.path=null", ["task.path is not set", "task=video", "task.path=DIR_OR_FILE"]),
         ("task.path=/no/such/video.mp4", ["/no/such/video.mp4", "expected a video"]),
         ("task.regions=/no/such.json", ["/no/such.json", "regions file"]),
         ("ckpt_path=/no/such.ckpt", ["/no/such.ckpt", "skill.ckpt"]),
@@ -150,9 +152,45 @@ def test_a_kernel_without_its_descriptor(refused: Callable[..., None]) -> None:
     refused(2, ["kernel=l2l", "descriptor=sift"], "kernel=l2l", "line", "sift describes a point")
 
 
-def test_the_plain_command(command: Command, tmp_path: Path) -> None:
-    ended = command("train", f"hydra.run.dir={tmp_path}")
-    check_error(ended, 2, "task.path", "simulated tasks are not part of this version", "python train.py task=video")
+@pytest.fixture
+def simulated(tiny: Sequence[str]) -> list[str]:
+    """The same small training, of a simulated demonstration."""
+    return [override for override in tiny if not override.startswith("task")]
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("scenario.actor=dog", ["scenario.actor=dog", "human or robot"]),
+        ("scenario.severity=9", ["scenario.severity=9", "0 to 1.5"]),
+        ("scenario.severity=x", ["scenario.severity=x", "a number"]),
+        ("scenario.confidence=0", ["scenario.confidence=0", "more than 0 and at most 1"]),
+        ("scenario.occlusion=1", ["scenario.occlusion=1", "true or false"]),
+        ("scenario.fog=true", ["'scenario.fog'", "no such key"]),
+        ("scenario=fog", ["scenario/fog", "illumination"]),
+        ("seed=-1", ["seed=-1", "0 or more"]),
+        ("task.every=0", ["every=0", "at least 1"]),
+    ],
+)
+def test_simulated_trainings(
+    command: Command, simulated: Sequence[str], tmp_path: Path, override: str, words: Sequence[str]
+) -> None:
+    ended = command("train", *simulated, override, f"hydra.run.dir={tmp_path}")
+    check_error(ended, 2, *words)
+    assert snapshot(tmp_path) == {}
+
+
+def test_without_opengl_the_plain_command_says_what_to_install(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import mujoco
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("no display")
+
+    monkeypatch.setattr(mujoco, "Renderer", fail)
+    ended = command("train", "cache.enabled=false", "logger=none", f"hydra.run.dir={tmp_path}")
+    check_error(ended, 2, "no OpenGL context for rendering (RuntimeError: no display)", "apt-get install libegl1")
 
 
 def test_folders_and_videos(
@@ -257,6 +295,30 @@ def test_skills_and_videos_of_infer(
     torch.save(stored, corrupt)
     check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "os.getcwd")
     assert snapshot(tmp_path / "run") == {}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["task=sorting", "video=DIR"], ["task and video are both set"]),
+        (["task=sorting", "regions=FILE"], ["task and video are both set"]),
+        (["task=video"], ["task=video is no simulated task", "task=sorting", "regions="]),
+        (["task=welding"], ["task/welding", "sorting"]),
+        (["task=sorting", "scenario=fog"], ["scenario/fog", "illumination"]),
+        (["task=sorting", "scenario.severity=9"], ["scenario.severity=9", "0 to 1.5"]),
+        (["task=sorting", "scenario=human", "scenario.confidence=0"], ["scenario.confidence=0", "more than 0"]),
+        (["task=sorting", "scenario.actor=dog"], ["scenario.actor=dog", "human or robot"]),
+        (["task=sorting", "seed=abc"], ["seed=abc", "whole number"]),
+        (["task=sorting", "seed=-1"], ["seed=-1", "0 or more"]),
+        (["task=sorting", "every=0"], ["every=0", "at least 1"]),
+        (["scenario=occlusion"], ["video is not set", "task=…"]),
+    ],
+)
+def test_simulated_evaluations(
+    command: Command, skill: Path, tmp_path: Path, overrides: Sequence[str], words: Sequence[str]
+) -> None:
+    check_error(command("evaluate", f"skill={skill}", *overrides, f"hydra.run.dir={tmp_path}"), 2, *words)
+    assert snapshot(tmp_path) == {}
 
 
 def test_evaluate(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
