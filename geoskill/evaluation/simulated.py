@@ -26,6 +26,7 @@ class SimulatedFrame(FrameLabels):
 
     def __init__(self, recording: Recording, frame: int) -> None:
         self._truth = FrameTruth(recording, frame)
+        self._known: dict[tuple[object, ...], SurfacePoint | None] = {}  # the same features are asked about repeatedly
 
     def label(
         self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
@@ -48,8 +49,14 @@ class SimulatedFrame(FrameLabels):
 
     def _near(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
         """What the point's pixel shows if it is of a region, else the nearest such pixel within the tolerance."""
-        pixels = np.round(point).astype(np.int64) + _disk(tolerance_px)
-        found = self._truth.surface(pixels)  # the nearest ones first
+        column, row = (int(value) for value in np.round(point))
+        key = (column, row, tolerance_px, tuple(among))
+        if key not in self._known:
+            self._known[key] = self._search(column, row, tolerance_px, among)
+        return self._known[key]
+
+    def _search(self, column: int, row: int, tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
+        found = self._truth.surface(np.array([column, row]) + _disk(tolerance_px))  # the nearest ones first
         if found[0] is not None and _region(found[0]) in among:
             return found[0]
         for region in among:
