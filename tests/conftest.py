@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
 from geoskill.errors import InputError
 from geoskill.skill.description import describe
 

@@ -1,9 +1,15 @@
 """The renderer on a scene of which every pixel can be told by hand."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
+import geoskill
 from geoskill.errors import InputError
 from geoskill.geometry.camera import project
 from geoskill.geometry.poses import pose
@@ -35,6 +41,27 @@ def test_without_a_context_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
     message = str(error.value)
     assert message.startswith("no OpenGL context for rendering (RuntimeError: invalid value for environment variable")
     assert f"sudo apt-get install {SYSTEM_PACKAGES}" in message
+
+
+def test_without_the_libraries_it_is_only_the_rendering_that_fails() -> None:
+    program = """
+import ctypes.util
+real = ctypes.util.find_library
+ctypes.util.find_library = lambda name: None if name == "EGL" else real(name)
+import geoskill.simulation.scene
+import mujoco
+from geoskill.errors import InputError
+from geoskill.simulation.renderer import Renderer
+try:
+    Renderer(mujoco.MjSpec().compile(), 64, 48)
+except InputError as error:
+    print(error)
+"""
+    environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    environment["PYTHONPATH"] = str(Path(geoskill.__file__).parents[1])
+    ended = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert ended.stdout.startswith("no OpenGL context for rendering")
+    assert ended.stdout.endswith(f"sudo apt-get install {SYSTEM_PACKAGES}\n")
 
 
 def test_the_lens_sees_its_angle_from_top_to_bottom() -> None:
