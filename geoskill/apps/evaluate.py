@@ -27,7 +27,6 @@ def evaluate(cfg: DictConfig) -> None:
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import score
-    from geoskill.evaluation.baseline import track_hand_picked_pairs
 
     quiet_libraries()
     simulated = "task" in cfg and cfg.task is not None
@@ -51,6 +50,8 @@ def evaluate(cfg: DictConfig) -> None:
     assert footage.labels is not None
     figures, rows = score(skill, footage.frames, footage.labels, cfg.every)
     if footage.recording is not None:
+        from geoskill.evaluation.baseline import track_hand_picked_pairs
+
         baseline = track_hand_picked_pairs(footage.recording)
         figures |= {"baseline_success": baseline.success, "baseline_pairs": [baseline.kept, baseline.picked]}
     folder = Path(HydraConfig.get().runtime.output_dir)

@@ -218,6 +218,11 @@ def _check_same_skill(cfg: DictConfig, checkpoint: dict[str, Any], wanted: dict[
                 f"ckpt_path={cfg.ckpt_path}: its {part} are {stored.get(part)};"
                 f" expected those of this run, {wanted[part]}"
             )
+    if stored.get("learned_from") != wanted.get("learned_from"):
+        raise InputError(
+            f"ckpt_path={cfg.ckpt_path}: learned from {stored.get('learned_from', 'a video')}; expected what this run"
+            f" learns from, {wanted.get('learned_from', 'a video')}"
+        )
     epochs = checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"]
     if -1 < cfg.trainer.max_epochs <= epochs:
         raise InputError(

@@ -40,6 +40,7 @@ def judge_at_goal(
 ) -> GoalVerdict | None:
     """The verdict on an association, None where the labels do not know the goal or the error is no length.
 
+    The norm is over all components: of two lines that lie parallel at a distance h it is h·√2, since each counts.
     An association within one thing keeps its error whatever is done, and is never right; whoever asks has to make sure
     that it joins the two.
     """

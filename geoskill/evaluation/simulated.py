@@ -49,14 +49,15 @@ class SimulatedFrame(FrameLabels):
 
     def _near(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
         """What the point's pixel shows if it is of a region, else the nearest such pixel within the tolerance."""
-        column, row = (int(value) for value in np.round(point))
-        key = (column, row, tolerance_px, tuple(among))
+        key = (point, tolerance_px, tuple(among))
         if key not in self._known:
-            self._known[key] = self._search(column, row, tolerance_px, among)
+            self._known[key] = self._search(point, tolerance_px, among)
         return self._known[key]
 
-    def _search(self, column: int, row: int, tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
-        found = self._truth.surface(np.array([column, row]) + _disk(tolerance_px))  # the nearest ones first
+    def _search(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
+        column, row = round(point[0]), round(point[1])
+        offset = (point[0] - column, point[1] - row)
+        found = self._truth.surface(np.array([column, row]) + _disk(tolerance_px), offset)  # the nearest ones first
         if found[0] is not None and _region(found[0]) in among:
             return found[0]
         for region in among:

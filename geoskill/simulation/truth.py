@@ -44,14 +44,22 @@ class FrameTruth:
         self._numbers = recording.body_numbers(frame)
         self._depth_m = recording.depth_m(frame)
 
-    def surface(self, pixels: Int[np.ndarray, "n 2"]) -> list[SurfacePoint | None]:
-        """What pixels (x, y) show; None outside the picture, and where there is nothing."""
+    def surface(
+        self, pixels: Int[np.ndarray, "n 2"], offset: tuple[float, float] = (0.0, 0.0)
+    ) -> list[SurfacePoint | None]:
+        """What pixels (x, y) show; None outside the picture, and where there is nothing.
+
+        Args:
+            pixels: whole pixels.
+            offset: how far beside the middles of these pixels the points lie.
+        """
         recording = self.recording
         height, width = self._numbers.shape
         inside: Bool[np.ndarray, " n"] = np.all((pixels >= 0) & (pixels < [width, height]), axis=1)
         columns, rows = np.where(inside[:, None], pixels, 0).T
         depth = self._depth_m[rows, columns].astype(np.float64)
-        points = back_project(recording.view(self.frame), np.column_stack([columns, rows]).astype(np.float64), depth)
+        places = np.column_stack([columns, rows]) + np.array(offset, np.float64)
+        points = back_project(recording.view(self.frame), places, depth)
         shown = np.where(inside, self._numbers[rows, columns], -2)
         found: list[SurfacePoint | None] = [None] * len(pixels)
         for number in set(shown.tolist()) - {-2}:

@@ -36,9 +36,10 @@ def test_it_learns_to_join_what_moves_together_to_its_target(
     module = training.module(optimizer=partial(torch.optim.Adam, lr=1e-2), feature_dropout=0.0)
     table = training.run(module, tmp_path, epochs=12, batch_size=8)
     objective, reward, rsw = (column(table, f"{P2P}/{name}") for name in ("objective", "reward", "rsw"))
-    assert objective[-6:].mean() > objective[:3].mean() + 0.2
-    assert reward[-6:].mean() > 0.6 > reward[:3].mean()
-    assert rsw[-6:].mean() < 0.3 < rsw[:3].mean()
+    # It learns within a few steps, so the first one alone is what it starts from.
+    assert objective[-6:].mean() > objective[0] + 0.2
+    assert reward[-6:].mean() > 0.6 > reward[0]
+    assert rsw[-6:].mean() < 0.3 < rsw[0]
 
     skill = Skill.load(tmp_path / "skill.ckpt")
     right = 0
