@@ -61,10 +61,9 @@ def reproduce(cfg: DictConfig) -> None:
             pool.shutdown(cancel_futures=True)
             raise
     scores: dict[str, list[dict[str, Any]]] = {}
-    for row, _, run, _ in runs:
-        scores.setdefault(row, []).append(json.loads((run / "scores.json").read_text(encoding="utf-8")))
     curves: dict[str, list[Path]] = {}
     for row, _, run, _ in runs:
+        scores.setdefault(row, []).append(json.loads((run / "scores.json").read_text(encoding="utf-8")))
         curves.setdefault(row, []).append(run / "metrics.csv")
     _write(folder, artifact, scores, curves)
     print((folder / "table.md").read_text(encoding="utf-8"))

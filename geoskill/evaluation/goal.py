@@ -51,13 +51,10 @@ def judge_at_goal(
     for kind, found in features.items():
         rows, on = [], []
         for row in found.geometry.tolist():
-            ends = [(row[place], row[place + 1]) for place in range(0, len(row), 2)]
-            moved = labels.at_goal(ends)
-            middle = tuple(sum(axis) / len(ends) for axis in zip(*ends, strict=True))
-            side = labels.label((middle[0], middle[1]), among=(Region.OBJECT, Region.TARGET))
-            known = moved is not None and None not in moved
-            on.append(side if known else None)
-            rows.append([value for end in moved or () for value in end or ()] if known else [0.0] * len(row))
+            node = Node(kind, tuple(row))
+            moved = _at_goal(node, labels)
+            on.append(None if moved is None else labels.label(node.centre, among=(Region.OBJECT, Region.TARGET)))
+            rows.append(moved or [0.0] * len(row))
         carried[kind] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), kind.geometry_dim)
         sides[kind] = torch.tensor([(side is Region.OBJECT) - (side is Region.TARGET) for side in on])
     instances = kernel.instances({kind: len(found) for kind, found in features.items()})
@@ -69,11 +66,18 @@ def judge_at_goal(
     feasible = bool((joins & (errors * pixel_m <= STRICT_M)).any())
     own = []
     for node in nodes:
-        xy = node.coordinates
-        moved = labels.at_goal([(xy[place], xy[place + 1]) for place in range(0, len(xy), 2)])
-        if moved is None or None in moved:
+        moved = _at_goal(node, labels)
+        if moved is None:
             return GoalVerdict(None, feasible)
-        own.append(torch.tensor([[value for end in moved for value in end or ()]], dtype=torch.float64))
+        own.append(torch.tensor([moved], dtype=torch.float64))
     if not own:
         return GoalVerdict(None, feasible)
     return GoalVerdict(float(kernel.control_error(own).norm()) * pixel_m, feasible)
+
+
+def _at_goal(node: Node, labels: FrameLabels) -> list[float] | None:
+    """A feature's coordinates at the goal; None where one of its points is on neither object nor target."""
+    xy = node.coordinates
+    moved = labels.at_goal([(xy[place], xy[place + 1]) for place in range(0, len(xy), 2)])
+    known = [end for end in moved or () if end is not None]
+    return [value for end in known for value in end] if moved is not None and len(known) == len(moved) else None

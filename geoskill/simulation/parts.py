@@ -49,11 +49,19 @@ def moving_body(spec: mujoco.MjSpec, name: str, matrix: Pose | None = None) -> m
     return spec.worldbody.add_body(name=name, mocap=True, pos=matrix[:3, 3], quat=quaternion(matrix[:3, :3]))
 
 
+def place(model: mujoco.MjModel, data: mujoco.MjData, body: str, matrix: Pose) -> None:
+    """Put a moving body where it belongs."""
+    number = model.body(body).mocapid[0]
+    data.mocap_pos[number] = matrix[:3, 3]
+    data.mocap_quat[number] = quaternion(matrix[:3, :3])
+
+
 def add_box(
     body: mujoco.MjsBody, half: Sequence[float], matrix: Pose, material: str = "", colour: Colour = (1, 1, 1)
 ) -> None:
     """A box with the given half sizes."""
-    _add(body, mujoco.mjtGeom.mjGEOM_BOX, half, matrix, material, colour)
+    placing = {"size": half, "pos": matrix[:3, 3], "quat": quaternion(matrix[:3, :3])}
+    _add(body, mujoco.mjtGeom.mjGEOM_BOX, material, colour, **placing)
 
 
 def add_capsule(
@@ -65,7 +73,7 @@ def add_capsule(
     colour: Colour = (1, 1, 1),
 ) -> None:
     """A cylinder with round ends, between two points."""
-    _add_between(body, mujoco.mjtGeom.mjGEOM_CAPSULE, start, end, radius, material, colour)
+    _add(body, mujoco.mjtGeom.mjGEOM_CAPSULE, material, colour, size=[radius, 0, 0], fromto=[*start, *end])
 
 
 def add_cylinder(
@@ -77,7 +85,7 @@ def add_cylinder(
     colour: Colour = (1, 1, 1),
 ) -> None:
     """A cylinder with flat ends, between two points."""
-    _add_between(body, mujoco.mjtGeom.mjGEOM_CYLINDER, start, end, radius, material, colour)
+    _add(body, mujoco.mjtGeom.mjGEOM_CYLINDER, material, colour, size=[radius, 0, 0], fromto=[*start, *end])
 
 
 def add_printed_box(
@@ -112,41 +120,6 @@ def add_printed_box(
         add_box(body, (wide, high, thin), matrix @ pose(axes[2] * out, rotation), material)
 
 
-def _add(
-    body: mujoco.MjsBody,
-    kind: mujoco.mjtGeom,
-    size: Sequence[float],
-    matrix: Pose,
-    material: str,
-    colour: Colour,
-) -> None:
-    body.add_geom(
-        type=kind,
-        size=size,
-        pos=matrix[:3, 3],
-        quat=quaternion(matrix[:3, :3]),
-        material=material,
-        rgba=[1, 1, 1, 1] if material else [*colour, 1.0],
-        contype=0,
-        conaffinity=0,
-    )
-
-
-def _add_between(
-    body: mujoco.MjsBody,
-    kind: mujoco.mjtGeom,
-    start: Sequence[float],
-    end: Sequence[float],
-    radius: float,
-    material: str,
-    colour: Colour,
-) -> None:
-    body.add_geom(
-        type=kind,
-        size=[radius, 0, 0],
-        fromto=[*start, *end],
-        material=material,
-        rgba=[1, 1, 1, 1] if material else [*colour, 1.0],
-        contype=0,
-        conaffinity=0,
-    )
+def _add(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, colour: Colour, **placing: object) -> None:
+    rgba = [1, 1, 1, 1] if material else [*colour, 1.0]
+    body.add_geom(type=kind, material=material, rgba=rgba, contype=0, conaffinity=0, **placing)

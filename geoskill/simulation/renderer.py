@@ -9,7 +9,8 @@ from jaxtyping import Float32, Int16, UInt8
 
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, focal_length_px
-from geoskill.geometry.poses import pose, quaternion
+from geoskill.geometry.poses import pose
+from geoskill.simulation.parts import moving_body, place
 
 CAMERA = "camera"
 VERTICAL_VIEW_DEG = 40.0
@@ -24,8 +25,7 @@ def add_camera(spec: mujoco.MjSpec, width: int, height: int) -> None:
     spec.visual.map.znear = 0.05
     # Shadows are computed for what lies so far around the middle of the scene; the wider, the coarser.
     spec.stat.center, spec.stat.extent = [0.0, 0.0, 0.0], 1.0
-    body = spec.worldbody.add_body(name=CAMERA, mocap=True)
-    body.add_camera(name=CAMERA, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
+    moving_body(spec, CAMERA).add_camera(name=CAMERA, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
 
 
 def lens(width: int, height: int) -> PinholeCamera:
@@ -35,9 +35,7 @@ def lens(width: int, height: int) -> PinholeCamera:
 
 def place_camera(model: mujoco.MjModel, data: mujoco.MjData, matrix: np.ndarray) -> None:
     """Put the camera where it belongs; MuJoCo's looks along -z with y up, ours along z with y down."""
-    number = model.body(CAMERA).mocapid[0]
-    turned = matrix @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0]))
-    data.mocap_pos[number], data.mocap_quat[number] = turned[:3, 3], quaternion(turned[:3, :3])
+    place(model, data, CAMERA, matrix @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0])))
 
 
 @final

@@ -12,11 +12,12 @@ from geoskill.geometry.camera import PinholeCamera, back_project, project
 from geoskill.geometry.poses import Pose, inverse, pose, transform
 from geoskill.simulation import renderer
 from geoskill.simulation.actors.actor import BODY as ACTOR
-from geoskill.simulation.actors.actor import Actor, place
+from geoskill.simulation.actors.actor import Actor
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
 from geoskill.simulation.conditions import START_SPREAD, Conditions, camera_course, looking_aside
 from geoskill.simulation.motion import Motion, Way, human_motion, robot_motion
+from geoskill.simulation.parts import place
 from geoskill.simulation.randomness import generator
 from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, as_png
 from geoskill.simulation.sensor import compress, expose, exposure_course

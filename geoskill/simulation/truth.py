@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Bool, Float32, Float64, Int, Int16
 
 from geoskill.geometry.camera import back_project, project
 from geoskill.geometry.poses import inverse, transform
@@ -41,8 +42,15 @@ class FrameTruth:
     def __init__(self, recording: Recording, frame: int) -> None:
         self.recording = recording
         self.frame = frame
-        self._numbers = recording.body_numbers(frame)
-        self._depth_m = recording.depth_m(frame)
+
+    # Decoded when first asked about, for most frames of a sequence may not be.
+    @cached_property
+    def _numbers(self) -> Int16[np.ndarray, "height width"]:
+        return self.recording.body_numbers(self.frame)
+
+    @cached_property
+    def _depth_m(self) -> Float32[np.ndarray, "height width"]:
+        return self.recording.depth_m(self.frame)
 
     def surface(
         self, pixels: Int[np.ndarray, "n 2"], offset: tuple[float, float] = (0.0, 0.0)

@@ -7,7 +7,7 @@ from typing import final
 import mujoco
 import numpy as np
 
-from geoskill.geometry.poses import Pose, quaternion
+from geoskill.geometry.poses import Pose
 from geoskill.simulation.parts import moving_body
 
 BODY = "actor"
@@ -43,10 +43,3 @@ class Actor(ABC):
 def add_root(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """The actor's body, whose frame is that of the grip."""
     return moving_body(spec, BODY)
-
-
-def place(model: mujoco.MjModel, data: mujoco.MjData, body: str, matrix: Pose) -> None:
-    """Put a moving body where it belongs."""
-    number = model.body(body).mocapid[0]
-    data.mocap_pos[number] = matrix[:3, 3]
-    data.mocap_quat[number] = quaternion(matrix[:3, :3])

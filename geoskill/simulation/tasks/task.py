@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from geoskill.geometry.poses import Pose
-from geoskill.simulation.actors.actor import Grip, place
+from geoskill.simulation.actors.actor import Grip
+from geoskill.simulation.parts import place
 
 Corner = tuple[float, float, float]
 INFINITE = float("inf")

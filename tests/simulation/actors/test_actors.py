@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from geoskill.geometry.poses import pose, rotation_about
-from geoskill.simulation.actors.actor import BODY, Actor, Grip, place
+from geoskill.simulation.actors.actor import BODY, Actor, Grip
 from geoskill.simulation.actors.gripper import OPENING_M, Gripper
 from geoskill.simulation.actors.hand import Hand
+from geoskill.simulation.parts import place
 
 ACTORS = [Hand(), Gripper()]
 GRIP = Grip(np.eye(4), 0.03)
