@@ -40,21 +40,21 @@ class Orb(FeatureExtractor):
         if not found:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
         factor = detector.getScaleFactor()
-        keypoints = distinct_keypoints(_in_image_pixels(k, row, image.shape, factor) for row, k in enumerate(found))
+        height, width = image.shape
+        keypoints = distinct_keypoints(_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(found))
         bits = np.unpackbits(np.asarray(packed, np.uint8)[[k.class_id for k in keypoints]], axis=1)
         return keypoint_features(keypoints, (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1])))
 
 
-def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, ...], scale_factor: float) -> cv2.KeyPoint:
+def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, int], scale_factor: float) -> cv2.KeyPoint:
     """The keypoint where it lies in the picture; its ``class_id`` is the row of its descriptor.
 
     OpenCV multiplies a pixel of a pyramid level by the nominal scale. That ignores that pixel centres move when a
     picture is resized, and that a level has a whole number of pixels: up to 2 px too far to the left and up.
     """
     scale = scale_factor**keypoint.octave
-
-    def coordinate(nominal: float, side: int) -> float:
-        return (round(nominal / scale) + 0.5) * side / round(side / scale) - 0.5
-
-    x, y = coordinate(keypoint.pt[0], shape[1]), coordinate(keypoint.pt[1], shape[0])
+    x, y = (
+        (round(nominal / scale) + 0.5) * side / round(side / scale) - 0.5
+        for nominal, side in zip(keypoint.pt, shape[::-1], strict=True)
+    )
     return cv2.KeyPoint(x, y, keypoint.size, keypoint.angle, keypoint.response, keypoint.octave, row)
