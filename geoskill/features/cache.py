@@ -12,7 +12,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 
 # Raise it when the meaning of what an extractor returns changes without its settings changing.
-FORMAT = 1
+FORMAT = 2
 
 
 @final

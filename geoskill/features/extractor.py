@@ -21,5 +21,10 @@ class FeatureExtractor(ABC):
     descriptor_dim: ClassVar[int]
 
     @abstractmethod
-    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
-        """All features of a picture, strongest first, in pixels of that picture, descriptors of unit norm."""
+    def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
+        """The features of a picture, strongest first, in pixels of that picture, descriptors of unit norm.
+
+        Args:
+            image: grey.
+            limit: how many are used, the strongest ones; those beyond may be left out undescribed. None for all.
+        """

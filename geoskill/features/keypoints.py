@@ -14,8 +14,8 @@ from geoskill.geometry.primitives import NodeType
 SAME_CORNER = 0.05
 
 
-def distinct_keypoints(keypoints: Iterable[cv2.KeyPoint]) -> list[cv2.KeyPoint]:
-    """The strongest keypoint of every corner, strongest first.
+def distinct_keypoints(keypoints: Iterable[cv2.KeyPoint], limit: int | None = None) -> list[cv2.KeyPoint]:
+    """The strongest keypoint of every corner, strongest first, and no more of them than ``limit``.
 
     A detector reports a corner once for each orientation and each octave; such copies would fill the few places of a
     frame and join into instances whose control error is always zero.
@@ -25,8 +25,10 @@ def distinct_keypoints(keypoints: Iterable[cv2.KeyPoint]) -> list[cv2.KeyPoint]:
     positions = np.array([k.pt for k in ordered], np.float32).reshape(-1, 2)
     radii = np.maximum(0.5, SAME_CORNER * np.array([k.size for k in ordered], np.float32))
     free = np.ones(len(ordered), bool)
-    distinct = []
+    distinct: list[cv2.KeyPoint] = []
     for row, keypoint in enumerate(ordered):
+        if len(distinct) == limit:
+            break
         if free[row]:
             distinct.append(keypoint)
             distance = np.linalg.norm(positions - positions[row], axis=1)

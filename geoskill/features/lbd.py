@@ -38,9 +38,10 @@ class Lbd(FeatureExtractor):
         self.min_length_ratio = min_length_ratio
         self.band_width = band_width
 
-    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
-        """All segments of a picture that are long enough, the longest first; none in a picture without edges."""
+    def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
+        """The segments of a picture that are long enough, the longest first; none in a picture without edges."""
         segments, strength = detect_segments(image, self.min_length_ratio * float(np.hypot(*image.shape)))
+        segments, strength = segments[:limit], strength[:limit]
         if len(segments) == 0:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
         return FeatureSet(self.node_type, describe(image, segments, self.band_width), segments, strength)

@@ -30,7 +30,7 @@ class Orb(FeatureExtractor):
         self.candidates = candidates
         self.fast_threshold = fast_threshold
 
-    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
+    def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
         """See :meth:`FeatureExtractor.extract`."""
         detector = cv2.ORB.create(nfeatures=self.candidates, fastThreshold=self.fast_threshold)
         # Below this size there is no keypoint, and on pictures of a few pixels OpenCV's pyramid breaks.
@@ -41,7 +41,8 @@ class Orb(FeatureExtractor):
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
         factor = detector.getScaleFactor()
         height, width = image.shape
-        keypoints = distinct_keypoints(_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(found))
+        placed = [_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(found)]
+        keypoints = distinct_keypoints(placed, limit)
         bits = np.unpackbits(np.asarray(packed, np.uint8)[[k.class_id for k in keypoints]], axis=1)
         return keypoint_features(keypoints, (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1])))
 

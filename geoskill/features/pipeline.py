@@ -60,7 +60,7 @@ class FeaturePipeline:
         if factor > 1.0:
             size = (round(width * factor), round(height * factor))
             grey = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
-        found = self.extractor.extract(np.asarray(grey, np.uint8))
+        found = self.extractor.extract(np.asarray(grey, np.uint8), self.max_features)
         # Not a slice, which would keep all that was found in memory as long as the few.
         found = found.take(np.arange(min(len(found), self.max_features)))
         geometry = rescale_points(found.geometry, width / grey.shape[1], height / grey.shape[0])

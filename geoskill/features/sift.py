@@ -29,16 +29,26 @@ class Sift(FeatureExtractor):
         self.contrast_threshold = contrast_threshold
         self.root = root
 
-    def extract(self, image: UInt8[np.ndarray, "height width"]) -> FeatureSet:
+    def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
         """See :meth:`FeatureExtractor.extract`."""
         # Without the precise upscale every position is a quarter of a pixel too far to the right and down.
         detector = cv2.SIFT.create(contrastThreshold=self.contrast_threshold, enable_precise_upscale=True)
-        distinct = distinct_keypoints(detector.detect(image, None))
-        if not distinct:
+        found = detector.detect(image, None)
+        keypoints = distinct_keypoints(found, limit)
+        if not keypoints:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
-        keypoints, histograms = detector.compute(image, distinct)
-        descriptors = np.asarray(histograms, np.float32)
+        # OpenCV starts the pyramid at the finest octave among those that it is to describe, which changes the others'
+        # descriptors by rounding. One more of the finest found makes them the same whatever else is left out.
+        finest = min(found, key=_octave)
+        _, histograms = detector.compute(image, [*keypoints, finest])
+        descriptors = np.asarray(histograms, np.float32)[:-1]
         if self.root:
             descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
         norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
         return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12))
+
+
+def _octave(keypoint: cv2.KeyPoint) -> int:
+    """Of the pyramid: -1 for the picture at twice its size. OpenCV packs it into the lowest byte."""
+    byte = keypoint.octave & 0xFF
+    return byte - 256 if byte > 127 else byte

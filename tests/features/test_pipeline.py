@@ -14,6 +14,7 @@ from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
+from geoskill.features.lbd import Lbd
 from geoskill.features.orb import Orb
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
@@ -30,7 +31,7 @@ class PictureCorners(FeatureExtractor):
     def __init__(self) -> None:
         self.seen: list[np.ndarray] = []
 
-    def extract(self, image: np.ndarray) -> FeatureSet:
+    def extract(self, image: np.ndarray, limit: int | None = None) -> FeatureSet:
         self.seen.append(image)
         height, width = image.shape
         geometry = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5], [(width - 1) / 2, (height - 1) / 2]])
@@ -49,7 +50,7 @@ class Diagonal(FeatureExtractor):
     node_type: ClassVar[NodeType] = NodeType.LINE
     descriptor_dim: ClassVar[int] = 1
 
-    def extract(self, image: np.ndarray) -> FeatureSet:
+    def extract(self, image: np.ndarray, limit: int | None = None) -> FeatureSet:
         height, width = image.shape
         line = np.array([[-0.5, -0.5, width - 0.5, height - 0.5]], np.float32)
         return FeatureSet(self.node_type, np.ones((1, 1), np.float32), line, np.ones(1, np.float32))
@@ -126,6 +127,16 @@ def test_the_strongest_are_kept_first() -> None:
     assert np.all(np.diff(many.strength) <= 0)
     for name in ("descriptors", "geometry", "strength"):
         np.testing.assert_array_equal(getattr(few, name), getattr(many, name)[:7])
+
+
+@pytest.mark.parametrize("extractor", [Sift(), Orb(), Lbd()])
+def test_a_limit_leaves_out_the_weakest_and_changes_nothing_else(extractor: FeatureExtractor) -> None:
+    image = cv2.GaussianBlur(frame_of(240, 240)[:, :, 0], (0, 0), 2)
+    everything, few = extractor.extract(image), extractor.extract(image, 7)
+    assert len(everything) > 7 == len(few)
+    for name in ("descriptors", "geometry", "strength"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(everything, name)[:7])
+    assert len(extractor.extract(image, 10**6)) == len(everything)
 
 
 def test_what_is_left_out_does_not_stay_in_memory() -> None:
