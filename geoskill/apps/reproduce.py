@@ -99,6 +99,8 @@ def _baseline(scores: Mapping[str, Sequence[Mapping[str, Any]]], tests: Sequence
 
 def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, overrides: Sequence[str], quick: bool) -> None:
     """One training and its scores, in processes of their own; nothing is done twice."""
+    from geoskill.apps.reporting import replacing
+
     if (run / "scores.json").is_file():
         return
     training = [*artifact["train"], *overrides]
@@ -126,7 +128,8 @@ def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, override
             f"hydra.run.dir={run / test}",
         )
         scores[test] = json.loads((run / test / "metrics.json").read_text(encoding="utf-8"))
-    (run / "scores.json").write_text(json.dumps(scores, indent=2), encoding="utf-8")
+    with replacing(run / "scores.json") as file:  # a whole one says that all of this is done
+        json.dump(scores, file, indent=2)
 
 
 def _python(module: str, *arguments: str) -> None:

@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from statistics import mean, median, pstdev
+from statistics import mean, median, stdev
 from typing import Any
 
 Scores = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -31,7 +31,7 @@ def overview(scores: Scores, tests: Sequence[str], published: Mapping[str, Mappi
     >>> print(overview({"default": seeds}, ["human"], {"default": {"human": 80.0}}))
     | | seeds | human | RSW | steps |
     |---|---|---|---|---|
-    | default | 3 | 95.0 ± 4.1, median 95.0, worst 90.0 (published 80.0) | 0.20 % | 400 |
+    | default | 3 | 95.0 ± 5.0, median 95.0, worst 90.0 (published 80.0) | 0.20 % | 400 |
     <BLANKLINE>
     """
     lines = [_line(["", "seeds", *tests, "RSW", "steps"]), "|" + "---|" * (len(tests) + 4)]
@@ -95,7 +95,7 @@ def _spread(seeds: Sequence[Mapping[str, Any]], test: str) -> str:
         return "none"
     if len(values) == 1:
         return f"{values[0]:.1f}"
-    return f"{mean(values):.1f} ± {pstdev(values):.1f}, median {median(values):.1f}, worst {min(values):.1f}"
+    return f"{mean(values):.1f} ± {stdev(values):.1f}, median {median(values):.1f}, worst {min(values):.1f}"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -22,7 +22,7 @@ def test_a_row_has_mean_spread_median_and_worst_seed() -> None:
     rows = overview({"default": seeds(0.9, 0.5, 1.0)}, ["here"], {}).splitlines()
     assert rows[0] == "| | seeds | here | RSW | steps |"
     # The standard deviation of 90, 50 and 100 is sqrt((10**2 + 30**2 + 20**2) / 3) = 21.6.
-    assert rows[2] == "| default | 3 | 80.0 ± 21.6, median 90.0, worst 50.0 | 0.40 % | 400 |"
+    assert rows[2] == "| default | 3 | 80.0 ± 26.5, median 90.0, worst 50.0 | 0.40 % | 400 |"
 
 
 def test_one_seed_has_no_spread_and_nothing_feasible_is_no_number() -> None:
