@@ -58,6 +58,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.training.datamodule import TransitionData
     from geoskill.training.demonstration import Demonstration
     from geoskill.training.module import SkillTraining
+    from geoskill.training.movers import fit_movers
     from geoskill.viz.curves import plot_training
 
     quiet_libraries()
@@ -118,6 +119,7 @@ def train(cfg: DictConfig) -> None:
     if stored is not None:
         _check_same_spans(cfg, stored, demonstration.spans)
     fit_reward_scale(parts.members, demonstration, objective)
+    fit_movers(parts.members, demonstration, objective, cfg.demonstration.descriptor_noise)
     data = TransitionData(demonstration, batch_size=cfg.demonstration.batch_size, seed=cfg.seed)
     _check_processes(trainer)
     for logger in trainer.loggers:

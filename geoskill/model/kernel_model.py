@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from typing import final
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
-from geoskill.kernels.kernel import Kernel, node_types
+from geoskill.kernels.kernel import Kernel, automorphisms, node_types
 from geoskill.model.scorer import InstanceScorer
 
 
@@ -24,8 +24,10 @@ class KernelModel(nn.Module):
 
     Attributes:
         spans: ``[s]``, the lengths in frames of the transitions it was trained on; empty before training.
-        beta: ``[s]``, the reward's scale for each of them, fitted to the demonstration. Both are buffers, so that a
-            checkpoint holds them.
+        beta: ``[s]``, the reward's scale for each of them, fitted to the demonstration.
+        mover: ``[d]``, its product with the descriptor of one node is larger than with that of another that the motif
+            does not tell apart, when the one moves to the other; empty before training, and where the motif tells all
+            nodes apart. All three are buffers, so that a checkpoint holds them.
 
     Raises:
         ValueError: when a node type of the kernel has no extractor.
@@ -33,6 +35,7 @@ class KernelModel(nn.Module):
 
     spans: Tensor
     beta: Tensor
+    mover: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -43,6 +46,7 @@ class KernelModel(nn.Module):
         self.scorer = scorer
         self.register_buffer("spans", torch.zeros(0, dtype=torch.long))
         self.register_buffer("beta", torch.zeros(0))
+        self.register_buffer("mover", torch.zeros(0))
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
         """Keep what was fitted to the demonstration."""
@@ -50,9 +54,26 @@ class KernelModel(nn.Module):
             raise ValueError(f"{len(beta)} values of beta for {len(spans)} spans; expected as many")
         self.spans, self.beta = spans.to(self.spans), beta.to(self.beta)
 
+    def set_mover(self, mover: Float[Tensor, " d"]) -> None:
+        """Keep what was fitted to the demonstration."""
+        self.mover = mover.to(self.mover)
+
+    def moving_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
+        """Instances of a frame with their nodes in the order, of those that the motif does not tell apart, in which
+        the node that moved in the demonstration comes first; the sign of the control error follows it.
+        """
+        orders = automorphisms(self.kernel)
+        if len(orders) == 1 or len(self.mover) == 0:
+            return instances
+        role = self.kernel.roles[0]
+        moves = self.attribute(graph, "descriptor")[role] @ self.mover
+        best = torch.stack([moves[instances[order[0]]] for order in orders]).argmax(dim=0)
+        listed = torch.stack([instances[list(order)] for order in orders])
+        return listed[best, :, torch.arange(instances.shape[1], device=instances.device)].T
+
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
-        # How many spans there are depends on the demonstration, so the stored shape rules.
-        for name in ("spans", "beta"):
+        # Their lengths depend on the demonstration and on its descriptors, so the stored shape rules.
+        for name in ("spans", "beta", "mover"):
             if prefix + name in state_dict:
                 own = getattr(self, name)
                 setattr(self, name, own.new_empty(state_dict[prefix + name].shape))

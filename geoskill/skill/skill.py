@@ -96,15 +96,16 @@ class Skill:
 
     def _select(self, member: KernelModel, features: Mapping[str, FeatureSet]) -> Iterator[Association]:
         graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
-        instances = graph.instance_index.shape[1]
-        if instances == 0:
+        count = graph.instance_index.shape[1]
+        if count == 0:
             return
         graph = graph.to(next(member.parameters()).device)
         confidence = torch.softmax(member(graph), dim=0)
-        top = torch.topk(confidence, min(self.alternatives, instances)).indices
-        nodes = gather_nodes(member.kernel, member.attribute(graph, "geometry"), graph.instance_index[:, top])
+        top = torch.topk(confidence, min(self.alternatives, count)).indices
+        instances = member.moving_first(graph, graph.instance_index[:, top])
+        nodes = gather_nodes(member.kernel, member.attribute(graph, "geometry"), instances)
         errors: Float[Tensor, "p d"] = member.kernel.control_error(nodes)
-        for rank, (index, error) in enumerate(zip(top, errors, strict=True), start=1):
+        for rank, (index, rows, error) in enumerate(zip(top, instances.T, errors, strict=True), start=1):
             yield Association(
                 kernel=member.kernel.name,
                 descriptor=member.descriptor,
@@ -112,9 +113,7 @@ class Skill:
                 confidence=float(confidence[index]),
                 nodes=tuple(
                     Node(role, tuple(geometry[rank - 1].tolist()), int(feature))
-                    for role, geometry, feature in zip(
-                        member.kernel.roles, nodes, graph.instance_index[:, index], strict=True
-                    )
+                    for role, geometry, feature in zip(member.kernel.roles, nodes, rows, strict=True)
                 ),
                 error=tuple(error.tolist()),
                 unit=member.kernel.unit,

@@ -296,3 +296,19 @@ def test_what_is_no_frame_is_refused(
 def test_the_smallest_frames(skill: Skill) -> None:
     for height, width in ((1, 1), (1, 50), (7, 3)):
         assert skill.infer(np.zeros((height, width, 3), np.uint8)).associations == ()
+
+
+def test_the_node_that_moves_comes_first_and_decides_the_sign(skill: Skill, frame: np.ndarray) -> None:
+    member = skill.members["p2p_sift"]
+    mover = torch.randn(128, generator=torch.Generator().manual_seed(0))
+    member.set_mover(mover)
+    listed = [item for item in skill.infer(frame).associations if item.kernel == "p2p"]
+    descriptors = torch.from_numpy(skill.infer(frame).features["sift"].descriptors)
+    member.set_mover(-mover)
+    opposite = [item for item in skill.infer(frame).associations if item.kernel == "p2p"]
+    for one, other in zip(listed, opposite, strict=True):
+        assert one.nodes == other.nodes[::-1]
+        assert one.error == tuple(-component for component in other.error)
+        assert one.confidence == other.confidence
+        first, second = (descriptors[node.feature] @ mover for node in one.nodes)
+        assert first > second
