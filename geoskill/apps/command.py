@@ -1,5 +1,6 @@
 """What all commands share: Hydra's configuration, and what happens when something goes wrong."""
 
+import difflib
 import errno
 import functools
 import os
@@ -71,6 +72,9 @@ def _show_traceback() -> None:
 def _exit_on_error(work: Callable[[], None]) -> None:
     try:
         work()
+    except BrokenPipeError:  # whoever read the output has seen enough, such as head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(FAILURE)
     except Exception as error:
         _show_traceback()
         status, message = explain(error)
@@ -109,6 +113,13 @@ def explain(error: BaseException) -> tuple[int, str]:
     return FAILURE, f"{type(error).__name__}: {_one_line(str(error))} (debug=true shows where)"
 
 
+def _similar_group(message: str) -> str:
+    """What was meant by a word in quotes that is almost the name of a group of options, if any."""
+    groups = [path.name for path in Path(configuration_folder()).iterdir() if path.is_dir()]
+    found = difflib.get_close_matches(message.partition("'")[2].partition("'")[0], groups, n=1)
+    return f"{found[0]}, or " if found else ""
+
+
 def _causes(error: BaseException) -> list[BaseException]:
     causes = [error]
     while (following := causes[-1].__cause__ or causes[-1].__context__) is not None and following not in causes:
@@ -128,7 +139,7 @@ def _hydra_message(error: BaseException) -> str:
     text = " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=", "reference_type=")))
     if text.startswith("Could not override"):
         # The keys of a task depend on which one it is.
-        video = "task=video for a video of yours, or " if "'task." in text else ""
-        return f"{text.rstrip('.')}: there is no such key; expected {video}one that --cfg job shows"
+        near = "task=video for a video of yours, or " if "'task." in text else _similar_group(text)
+        return f"{text.rstrip('.')}: there is no such key; expected {near}one that --cfg job shows"
     node = next((line.partition(":")[2].strip() for line in lines if line.startswith("full_key:")), "")
     return text if node in text else f"{node}: {text}"

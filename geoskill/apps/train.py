@@ -83,6 +83,7 @@ def train(cfg: DictConfig) -> None:
     loggers = [instantiate(logger, save_dir=str(folder)) for logger in cfg.logger.values()]
     for logger in loggers:
         getattr(logger, "_wandb_init", {}).pop("anonymous", None)  # Lightning always gives it, and wandb then warns
+    _check_gpu(cfg)
     trainer: Trainer = instantiate(
         cfg.trainer,
         logger=loggers or False,
@@ -162,6 +163,13 @@ def _check_ranges(cfg: DictConfig) -> None:
             raise InputError(f"trainer.{key}=0: expected at least 1")
 
 
+def _check_gpu(cfg: DictConfig) -> None:
+    from lightning.pytorch.accelerators import CUDAAccelerator, MPSAccelerator
+
+    if cfg.trainer.accelerator == "gpu" and not (CUDAAccelerator.is_available() or MPSAccelerator.is_available()):
+        raise InputError("trainer.accelerator=gpu: PyTorch finds no GPU here; expected trainer=cpu")
+
+
 def _callbacks(cfg: DictConfig, folder: Path) -> list[Any]:
     from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
 
@@ -215,11 +223,11 @@ def _check_processes(trainer: Trainer) -> None:
 def _check_same_skill(cfg: DictConfig, checkpoint: dict[str, Any], wanted: dict[str, Any]) -> None:
     stored = checkpoint["skill"]
     for part in ("members", "extractors", "model", "features"):
-        if stored.get(part) != wanted[part]:
-            raise InputError(
-                f"ckpt_path={cfg.ckpt_path}: its {part} are {stored.get(part)};"
-                f" expected those of this run, {wanted[part]}"
-            )
+        theirs, ours = stored.get(part), wanted[part]
+        if theirs != ours:
+            if part in ("members", "extractors") and set(theirs) != set(ours):
+                theirs, ours = ", ".join(theirs), ", ".join(ours)  # their names tell enough
+            raise InputError(f"ckpt_path={cfg.ckpt_path}: its {part} are {theirs}; expected those of this run, {ours}")
     if stored.get("learned_from") != wanted.get("learned_from"):
         raise InputError(
             f"ckpt_path={cfg.ckpt_path}: learned from {stored.get('learned_from', 'a video')}; expected what this run"

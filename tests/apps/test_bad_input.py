@@ -79,7 +79,7 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("+model.width=3", ["model", "'width'"]),
         ("+objective.width=3", ["'width'", "ObjectiveSettings"]),
         ("+trainer.width=3", ["'width'", "Trainer"]),
-        ("kernell=p2p", ["'kernell'", "--cfg job"]),
+        ("kernell=p2p", ["'kernell'", "expected kernel, or one that --cfg job"]),
         ("kernel=p3p", ["kernel/p3p", "p2p"]),
         ("task=welding", ["task/welding", "sorting", "video"]),
         ("task=insertion", ["'task.path'", "no such key", "task=video"]),  # a simulated task has no path
@@ -139,6 +139,22 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
 )
 def test_what_the_paper_does_without(refused: Callable[..., None], override: str, words: Sequence[str]) -> None:
     refused(2, ["experiment=paper", override], *words)
+
+
+@pytest.mark.skipif(torch.cuda.is_available() or torch.backends.mps.is_available(), reason="there is a GPU")
+def test_no_gpu(refused: Callable[..., None]) -> None:
+    refused(2, ["trainer=gpu"], "trainer.accelerator=gpu", "no GPU", "trainer=cpu")
+
+
+@pytest.mark.slow
+def test_whoever_reads_the_help_may_stop() -> None:
+    command = [sys.executable, "-m", "geoskill.apps.train", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
+        assert reader.stdout is not None
+        assert reader.stderr is not None
+        reader.stdout.close()
+        assert b"Error" not in reader.stderr.read()
+    assert reader.returncode == 1
 
 
 @pytest.mark.slow
@@ -249,7 +265,7 @@ def test_regions_that_do_not_fit_are_refused_before_training(refused: Callable[.
 
 def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, tmp_path: Path) -> None:
     # `skill` is a finished p2p training of 2 epochs.
-    refused(2, ["kernel=par", f"ckpt_path={skill}"], str(skill), "members", "p2p_sift", "par_lbd")
+    refused(2, ["kernel=par", f"ckpt_path={skill}"], "its members are p2p_sift; expected those of this run, par_lbd")
     refused(2, ["model.hidden_dim=16", f"ckpt_path={skill}"], str(skill), "model", "'hidden_dim': 8", "16")
     refused(2, [f"ckpt_path={skill}"], str(skill), "2 epochs", "trainer.max_epochs")
     refused(
