@@ -42,8 +42,9 @@ def test_it_runs(tmp_path: Path) -> None:
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
     assert len(pictures) == 2  # the curves, and three frames in one figure
-    printed = [output["text"] for output in outputs if output["output_type"] == "stream"]
-    assert printed[0].strip() == str(tmp_path / "run")
-    lines = printed[-1].splitlines()
+    # How a cell's output is cut into pieces depends on how busy the machine is.
+    printed = "".join(output["text"] for output in outputs if output["output_type"] == "stream").splitlines()
+    assert printed[0] == str(tmp_path / "run")
+    lines = printed[-2:]
     assert [line.split(":")[0] for line in lines] == ["frame 0", "frame 10"]
     assert all("error [" in line for line in lines)

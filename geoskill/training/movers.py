@@ -64,7 +64,7 @@ def _observations(
     beta = member.beta[int(graph.span_index)]
     weight = reward(error_changes(member, graph, objective.change), beta).clamp_min(0.0)
     way = graph[f"{role}_moved"] - graph[f"{role}_geometry"]
-    moved = way.reshape(len(way), -1, 2).mean(dim=1).norm(dim=1)
+    moved = way.reshape(len(way), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
     first, second = moved[graph.instance_index[0]], moved[graph.instance_index[other]]
     return weight, (first - second) / (first + second + 4.0 * member.kernel.resolution)
 

@@ -114,6 +114,17 @@ def test_what_is_not_known_stays_in_the_order_in_which_it_is_listed() -> None:
     torch.testing.assert_close(untrained.moving_first(graph, graph.instance_index[:, :0]), graph.instance_index[:, :0])
 
 
+def test_frames_without_features_say_nothing() -> None:
+    kernel = PointToPoint()
+    before, after = np.array([[0.0, 0.0], [9.0, 0.0]]), np.array([[5.0, 0.0], [9.0, 0.0]])
+    full = graph_of(kernel, np.eye(2, WIDTH), before, after)
+    empty = graph_of(kernel, np.zeros((0, WIDTH)), before[:0], after[:0])
+    with_it, without = member_of(kernel), member_of(kernel)
+    fit_movers({"member": with_it}, Frames([empty, full, empty]), OBJECTIVE, 0.5)
+    fit_movers({"member": without}, Frames([full]), OBJECTIVE, 0.5)
+    torch.testing.assert_close(with_it.mover, without.mover)
+
+
 def test_equal_features_keep_their_order() -> None:
     kernel = PointToPoint()
     member = member_of(kernel)
