@@ -3,11 +3,12 @@
 import torch
 from torch import Tensor
 
+from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.kernels.kernel import automorphisms
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.objective.reward import reward
+from geoskill.objective.reward import error_change, reward
 from geoskill.training.changes import error_changes
 from geoskill.training.demonstration import Demonstration
 
@@ -45,9 +46,14 @@ def fit_movers(
         for index in range(len(demonstration)):
             graph = demonstration[index][name]["first"]
             descriptors = graph[f"{role}_descriptor"]
+            weight = reward(error_changes(member, graph, objective.change), member.beta[int(graph.span_index)])
+            weight = weight.clamp_min(0.0)
+            moved = _displacements(graph, role)
             for other in exchanged:
-                weight, difference = _observations(member, graph, objective, other)
-                moment, product = _normal_equations(descriptors, graph.instance_index[[0, other]], weight, difference)
+                pairs = graph.instance_index[[0, other]]
+                first, second = moved[pairs]
+                difference = error_change(second, first, "relative", member.kernel.resolution)
+                moment, product = _normal_equations(descriptors, pairs, weight, difference)
                 moments, products = moments + moment, products + product
                 total += float(weight.sum())
         if total > 0:
@@ -56,17 +62,11 @@ def fit_movers(
             member.set_mover(torch.linalg.solve(moments + ridge * torch.eye(width), products))
 
 
-def _observations(
-    member: KernelModel, graph: MotifGraph, objective: ObjectiveSettings, other: int
-) -> tuple[Tensor, Tensor]:
-    """For every instance ``[m]``: its weight, and by how much the first node moves more than ``other``, in [-1, 1]."""
-    role = member.kernel.roles[0]
-    beta = member.beta[int(graph.span_index)]
-    weight = reward(error_changes(member, graph, objective.change), beta).clamp_min(0.0)
+def _displacements(graph: MotifGraph, role: NodeType) -> Tensor:
+    """``[n]``, how far each feature of a type goes in the transition, in pixels; lines by their midpoints."""
     way = graph[f"{role}_moved"] - graph[f"{role}_geometry"]
-    moved = way.reshape(len(way), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
-    first, second = moved[graph.instance_index[0]], moved[graph.instance_index[other]]
-    return weight, (first - second) / (first + second + 4.0 * member.kernel.resolution)
+    displacements: Tensor = way.reshape(len(way), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
+    return displacements
 
 
 def _normal_equations(descriptors: Tensor, pairs: Tensor, weight: Tensor, difference: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,7 +21,7 @@ def seeds(*accuracies: float | None) -> list[dict[str, Any]]:
 def test_a_row_has_mean_spread_median_and_worst_seed() -> None:
     rows = overview({"default": seeds(0.9, 0.5, 1.0)}, ["here"], {}).splitlines()
     assert rows[0] == "| | seeds | here | RSW | steps |"
-    # The standard deviation of 90, 50 and 100 is sqrt((10**2 + 30**2 + 20**2) / 3) = 21.6.
+    # The standard deviation of 90, 50 and 100 is sqrt((10**2 + 30**2 + 20**2) / 2) = 26.5.
     assert rows[2] == "| default | 3 | 80.0 ± 26.5, median 90.0, worst 50.0 | 0.40 % | 400 |"
 
 
