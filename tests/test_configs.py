@@ -137,7 +137,7 @@ def test_objectives_and_optimizer() -> None:
         # The YAML shows what the code does without it.
         assert instantiate(compose("train", [f"objective={name}"]).objective) == ObjectiveSettings()
     optimizer = instantiate(compose("train").optimizer)([torch.nn.Parameter(torch.zeros(1))])
-    assert optimizer.param_groups[0]["lr"] == 1e-3
+    assert optimizer.param_groups[0]["lr"] == 3e-3
 
 
 @pytest.mark.parametrize("name", options("trainer"))
@@ -215,6 +215,7 @@ def test_the_paper_taken_literally() -> None:
         partition="monte_carlo",
         first_samples=1000,
         second_samples=1000,
+        goal_weight=0.0,
     )
     # Section IV-A, training and results.
     assert cfg.features.max_features == 60
@@ -225,6 +226,7 @@ def test_the_paper_taken_literally() -> None:
     assert cfg.features.min_side == 0
     assert (cfg.demonstration.gap, cfg.demonstration.horizon, cfg.demonstration.batch_size) == (1, 0, 1)
     assert (cfg.demonstration.descriptor_noise, cfg.demonstration.feature_dropout) == (0, 0)
+    assert cfg.demonstration.strangers == 0
 
 
 @pytest.mark.parametrize("name", SIMULATED)

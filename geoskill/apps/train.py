@@ -115,6 +115,7 @@ def train(cfg: DictConfig) -> None:
         parts.members,
         gap=cfg.demonstration.gap,
         horizon=cfg.demonstration.horizon,
+        strangers=cfg.demonstration.strangers,
         progress=show_progress,
     )
     if stored is not None:
@@ -149,6 +150,7 @@ def _check_ranges(cfg: DictConfig) -> None:
         ("threads", 1, "at least 1"),
         ("task.every", 1, "at least 1"),
         ("demonstration.descriptor_noise", 0, "0 or more"),
+        ("demonstration.strangers", 0, "0 or more"),
         ("early_stopping.patience", 0, "0 or more, or null"),
     ):
         value = OmegaConf.select(cfg, key)

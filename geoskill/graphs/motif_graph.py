@@ -34,6 +34,25 @@ class Motion:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Journey:
+    """Where a frame's features were at ``a`` frames of the past, the anchors, and where they lie in the end.
+
+    Attributes:
+        places: ``[n, a, g]`` in pixels; the frame's own geometry where unknown.
+        since: ``[n]``, the first anchor at which the place is known, and from which on it is until the frame itself; a
+            where it never is.
+        final: ``[n, g]`` in pixels, at the end of the demonstration; the frame's own where unknown.
+        arrives: ``[n]``, whether the final place is known.
+    """
+
+    places: Float[Tensor, "n a g"]
+    since: Int64[Tensor, " n"]
+    final: Float[Tensor, "n g"]
+    arrives: Bool[Tensor, " n"]
+
+
+@final
 class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes have no types
     """The features of one frame and every instance of one kernel on them; build it with :func:`motif_graph`.
 
@@ -41,6 +60,7 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
         T_moved, T_followed: the :class:`Motion`, in training only.
+        T_places, T_since, T_final, T_arrives: the :class:`Journey`, in training only.
 
     And for the instances:
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
@@ -65,7 +85,10 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
 
 
 def motif_graph(
-    kernel: Kernel, features: Mapping[NodeType, FeatureSet], motion: Mapping[NodeType, Motion] | None = None
+    kernel: Kernel,
+    features: Mapping[NodeType, FeatureSet],
+    motion: Mapping[NodeType, Motion] | None = None,
+    journey: Mapping[NodeType, Journey] | None = None,
 ) -> MotifGraph:
     """The graph of one frame.
 
@@ -73,6 +96,7 @@ def motif_graph(
         kernel: gives the node types and the instances.
         features: one feature set for each of the kernel's node types.
         motion: for each node type, where the features went; for training.
+        journey: for each node type, where they came from and where they end; for training.
     """
     graph = MotifGraph()
     types = node_types(kernel)
@@ -83,6 +107,9 @@ def motif_graph(
         if motion is not None:
             graph[f"{node_type}_moved"] = motion[node_type].geometry
             graph[f"{node_type}_followed"] = motion[node_type].followed
+        if journey is not None:
+            for name in ("places", "since", "final", "arrives"):
+                graph[f"{node_type}_{name}"] = getattr(journey[node_type], name)
     counts = {node_type: len(features[node_type]) for node_type in types}
     graph.num_nodes = sum(counts.values())
     graph.roles = tuple(str(role) for role in kernel.roles)

@@ -1,9 +1,9 @@
 """The InMaxEnt objective of a batch of transitions, to be maximised.
 
-    mean over transitions of (r - log Z(r))  -  lambda · mean RSW of both frames
+    mean over transitions of (r - log Z(r))  -  lambda · mean RSW of both frames  -  weight · mean goal of both frames
 
 Source: Jin et al., ICRA 2020, equation 11 with the RSW regulariser and Algorithm 1; METHOD, settled points 6, 10 and 13
-and "The reward is the weak spot, and how to mend it".
+and "The reward is the weak spot, and how to mend it". The goal term is ours (:mod:`geoskill.objective.goal`).
 """
 
 import math
@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from geoskill.errors import InputError
+from geoskill.objective.goal import goal_divergence
 from geoskill.objective.partition import SIGMA0_RANGE, log_partition, log_partition_monte_carlo
 from geoskill.objective.reward import ErrorChange, ErrorReduction, overall_error, reward, tracked_change
 from geoskill.objective.selection import residual_sum_of_weights
@@ -40,6 +41,12 @@ class ObjectiveSettings:
         first_samples: s1 of the estimate, for the value.
         second_samples: s2 of the estimate, for the gradient.
         beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
+        goal_weight: weight of the goal term; 0 leaves it out, as the paper does.
+        goal_temperature: how much less than the best arrival still counts
+            (:func:`~geoskill.objective.goal.goal_divergence`).
+        goal_softening: what scores are divided by before the goal term looks at them: the scores learn more than which
+            instance is the best, and the select-out is still decided ("Distilling the Knowledge in a Neural Network",
+            Hinton et al., 2015).
 
     Raises:
         InputError: a value is outside its range; the message names the key.
@@ -55,14 +62,20 @@ class ObjectiveSettings:
     first_samples: int = 1000
     second_samples: int = 1000
     beta_scale: float = 1.5
+    goal_weight: float = 1.0
+    goal_temperature: float = 0.05
+    goal_softening: float = 10.0
 
     def __post_init__(self) -> None:
         lowest, highest = SIGMA0_RANGE
         sigma0_fits = _is_number(self.sigma0) and lowest <= self.sigma0 <= highest
         self._require("sigma0", sigma0_fits, f"a standard deviation from {lowest:g} to {highest:g}")
-        weight_fits = _is_number(self.rsw_weight) and self.rsw_weight >= 0
-        self._require("rsw_weight", weight_fits, "a number that is not negative")
-        self._require("beta_scale", _is_number(self.beta_scale) and self.beta_scale > 0, "a positive number")
+        for key in ("rsw_weight", "goal_weight"):
+            value = getattr(self, key)
+            self._require(key, _is_number(value) and value >= 0, "a number that is not negative")
+        for key in ("beta_scale", "goal_temperature", "goal_softening"):
+            value = getattr(self, key)
+            self._require(key, _is_number(value) and value > 0, "a positive number")
         for key in ("alternatives", "first_samples", "second_samples"):
             value = getattr(self, key)
             is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
@@ -92,6 +105,9 @@ class FrameSelection:
             instance followed to the other frame; 0 where it could not be followed.
         batch: ``[m]``, the frame of each instance, sorted, counted from 0.
         num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
+        arrivals: ``[m]``, what each instance earns for having come together by the end of the demonstration
+            (:func:`~geoskill.objective.goal.arrival`); only the goal term needs it.
+        softened: ``[m]``, the select-out of scores divided by ``goal_softening``; only the goal term needs it.
 
     Raises:
         ValueError: the tensors disagree in length, or there is no frame.
@@ -102,11 +118,17 @@ class FrameSelection:
     change: Float[Tensor, " m"]
     batch: Int[Tensor, " m"]
     num_frames: int
+    arrivals: Float[Tensor, " m"] | None = None
+    softened: Float[Tensor, " m"] | None = None
 
     def __post_init__(self) -> None:
         lengths = (len(self.select_out), len(self.errors), len(self.change), len(self.batch))
         if len(set(lengths)) != 1:
             raise ValueError(f"select_out, errors, change and batch have {lengths} rows; expected the same number")
+        for name in ("arrivals", "softened"):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self.batch):
+                raise ValueError(f"{name} has {len(values)} rows for {len(self.batch)} instances; expected as many")
         if self.num_frames < 1:
             raise ValueError(f"a selection has {self.num_frames} frames; expected at least one")
 
@@ -120,12 +142,14 @@ class ObjectiveValue:
         objective: to be maximised.
         reward: mean r of the transitions, in [-1, 1].
         rsw: mean residual sum of weights of all frames, in [0, 1].
+        goal: mean divergence from the goal of all frames, 0 or more, in nats; 0 where its weight is 0.
         error: mean magnitude of Ec of all frames, in the control error's unit; a frame without instance counts as 0.
     """
 
     objective: Float[Tensor, ""]
     reward: Float[Tensor, ""]
     rsw: Float[Tensor, ""]
+    goal: Float[Tensor, ""]
     error: Float[Tensor, ""]
 
 
@@ -151,7 +175,7 @@ def transition_objective(
         generator: of the Monte-Carlo samples; the exact partition function draws none.
 
     Raises:
-        ValueError: the two selections have different numbers of frames.
+        ValueError: the two selections have different numbers of frames, or the goal counts and one lacks what it needs.
     """
     if first.num_frames != second.num_frames:
         raise ValueError(
@@ -179,12 +203,24 @@ def transition_objective(
             for each in (first, second)
         ]
     ).mean()
+    goal = torch.cat([_goal(settings, each) for each in (first, second)]).mean()
     return ObjectiveValue(
-        objective=likelihood - settings.rsw_weight * rsw,
+        objective=likelihood - settings.rsw_weight * rsw - settings.goal_weight * goal,
         reward=rewards.mean(),
         rsw=rsw,
+        goal=goal,
         error=torch.cat([error_first, error_second]).mean(),
     )
+
+
+def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, " frames"]:
+    if settings.goal_weight == 0:
+        return frames.select_out.new_zeros(frames.num_frames)
+    if frames.arrivals is None or frames.softened is None:
+        raise ValueError(
+            f"a selection without arrivals or softened; expected both for objective.goal_weight={settings.goal_weight}"
+        )
+    return goal_divergence(frames.softened, frames.arrivals, settings.goal_temperature, frames.batch, frames.num_frames)
 
 
 def _log_partition(

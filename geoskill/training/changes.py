@@ -8,6 +8,7 @@ from geoskill.errors import InputError
 from geoskill.geometry.control_errors import error_norm
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.goal import arrival
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.objective.reward import ErrorChange, beta_from_changes, error_change
 from geoskill.training.demonstration import Demonstration
@@ -25,6 +26,26 @@ def error_changes(member: KernelModel, graph: MotifGraph, kind: ErrorChange) -> 
     rows = zip(member.kernel.roles, graph.instance_index, strict=True)
     known = torch.stack([followed[role][row] for role, row in rows]).all(dim=0)
     return torch.where(known, change, torch.zeros_like(change))
+
+
+def arrivals(member: KernelModel, graph: MotifGraph) -> Float[Tensor, " m"]:
+    """What each instance earns for having come together by the end of the demonstration (:func:`arrival`).
+
+    Its error before is the larger of that in the frame and that at the first anchor since which all of its nodes are
+    known.
+    """
+    now = error_norm(member.control_errors(graph))
+    rows = list(zip(member.kernel.roles, graph.instance_index, strict=True))
+    places, since = member.attribute(graph, "places"), member.attribute(graph, "since")
+    anchor = torch.stack([since[role][row] for role, row in rows]).amax(dim=0)
+    anchors = places[member.node_types[0]].shape[1]
+    nodes = [places[role][row, anchor.clamp_max(anchors - 1)] for role, row in rows]
+    first = error_norm(member.kernel.control_error(nodes))
+    before = torch.where(anchor < anchors, torch.maximum(now, first), now)
+    after = error_norm(member.control_errors(graph, "final"))
+    arrives = member.attribute(graph, "arrives")
+    known = torch.stack([arrives[role][row] for role, row in rows]).all(dim=0)
+    return arrival(before, after, known, member.kernel.resolution)
 
 
 def fit_reward_scale(

@@ -20,6 +20,8 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
+from geoskill.training.journeys import journeys, likeness_of
+from geoskill.training.strangers import find_strangers, with_strangers
 from geoskill.training.tracks import Progress, chain_motions, neighbour_flows
 
 Transition = dict[str, dict[str, MotifGraph]]
@@ -64,6 +66,7 @@ class Demonstration(Dataset[Transition]):
         members: which kernels there are, and what each takes from the extractors.
         gap: the shortest transition in frames, and the hop of the tracker.
         horizon: see :func:`time_spans`.
+        strangers: how many features that never were there each frame is given (:mod:`geoskill.training.strangers`).
         progress: shows progress over a sequence.
 
     Raises:
@@ -78,6 +81,7 @@ class Demonstration(Dataset[Transition]):
         *,
         gap: int,
         horizon: float,
+        strangers: int,
         progress: Progress,
     ) -> None:
         self.spans = time_spans(len(frames), gap, horizon)
@@ -98,6 +102,14 @@ class Demonstration(Dataset[Transition]):
         self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
             name: chain_motions(found, flows, gap, self.spans) for name, found in self._features.items()
         }
+        self._strangers = {
+            name: find_strangers(frames, found, pipelines[name], likeness_of(found), progress)
+            for name, found in self._features.items()
+            if strangers > 0
+        }
+        self._strangers_per_frame = strangers
+        shorter_side = min(frames[0].shape[:2])
+        self._journeys = {name: journeys(found, flows, gap, shorter_side) for name, found in self._features.items()}
 
     def _has_instance(self, member: KernelModel, t: int) -> bool:
         counts = {kind: len(self._features[name][t]) for kind, name in member.extractors.items()}
@@ -119,9 +131,19 @@ class Demonstration(Dataset[Transition]):
         }
 
     def _graph(self, member: KernelModel, frame: int, span: int, span_index: int) -> MotifGraph:
-        kinds = member.node_types
-        found = {kind: self._features[member.extractors[kind]][frame] for kind in kinds}
-        motion = {kind: self._motions[member.extractors[kind]][frame, span] for kind in kinds}
-        graph = motif_graph(member.kernel, found, motion)
+        features, motion, journey = {}, {}, {}
+        for kind in member.node_types:
+            name = member.extractors[kind]
+            found = self._features[name][frame], self._motions[name][frame, span], self._journeys[name][frame]
+            if self._strangers_per_frame > 0:
+                found = with_strangers(*found, self._some_strangers(name, frame, span))
+            features[kind], motion[kind], journey[kind] = found
+        graph = motif_graph(member.kernel, features, motion, journey)
         graph.span_index = torch.tensor([span_index])
         return graph
+
+    def _some_strangers(self, name: str, frame: int, span: int) -> FeatureSet:
+        """Others for each frame and span, the same whenever they are asked for."""
+        pool = self._strangers[name]
+        random = np.random.default_rng([frame, span + len(self._transitions)])
+        return pool.take(random.permutation(len(pool))[: self._strangers_per_frame])

@@ -14,7 +14,7 @@ from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
-from geoskill.training.changes import error_changes
+from geoskill.training.changes import arrivals, error_changes
 from geoskill.training.noise import noisy, with_hidden_features
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
@@ -71,7 +71,7 @@ class SkillTraining(LightningModule):
         # Means over all processes, whose parts of a batch are equally large.
         log = partial(self.log, batch_size=self._transitions(batch), sync_dist=True)
         for name, value in values.items():
-            for quantity in ("objective", "reward", "rsw", "error"):
+            for quantity in ("objective", "reward", "rsw", "goal", "error"):
                 log(f"{name}/{quantity}", getattr(value, quantity))
         total = torch.stack([value.objective for value in values.values()])
         log("objective", total.mean(), prog_bar=True, on_epoch=True)
@@ -106,11 +106,19 @@ class SkillTraining(LightningModule):
             descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
         if self.feature_dropout > 0:
             graph = with_hidden_features(graph, self.feature_dropout, generator)
-        selected = select_out(member(graph, descriptors), graph.instance_frame, graph.num_graphs)
-        errors = member.control_errors(graph)
+        scores, batch, num_frames = member(graph, descriptors), graph.instance_frame, int(graph.num_graphs)
         change = error_changes(member, graph, self.objective.change)
+        goal: dict[str, Tensor] = {}
+        if self.objective.goal_weight > 0:
+            softened = select_out(scores / self.objective.goal_softening, batch, num_frames)
+            goal = {"arrivals": arrivals(member, graph), "softened": softened}
         return FrameSelection(
-            selected, errors, -change if backwards else change, graph.instance_frame, int(graph.num_graphs)
+            select_out(scores, batch, num_frames),
+            member.control_errors(graph),
+            -change if backwards else change,
+            batch,
+            num_frames,
+            **goal,
         )
 
     def configure_gradient_clipping(

@@ -27,8 +27,12 @@ Progress = Callable[[Sequence[int], str], Iterable[int]]
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Track:
-    """The features of frame ``start``, where they are now and which of them are still followed."""
+class Track:
+    """The features of frame ``start``, where they are ``hops`` later and which of them are still followed.
+
+    Attributes:
+        geometry: where a feature was lost, its last place.
+    """
 
     start: int
     hops: int
@@ -64,7 +68,7 @@ def chain_motions(
     motions: dict[tuple[int, int], Motion] = {}
     longest = max(spans) // hop
     last = len(features) - 1
-    live: dict[tuple[int, int], list[_Track]] = {}
+    live: dict[tuple[int, int], list[Track]] = {}
     for step in range(len(features)):
         for direction in (1, -1):
             here = step if direction == 1 else last - step
@@ -74,7 +78,7 @@ def chain_motions(
             flow = flows[here] if direction == 1 else flows[there].reversed()
             found = features[here]
             tracks = live.pop((direction, here), [])
-            tracks.append(_Track(here, 0, found.geometry, np.ones(len(found), bool)))
+            tracks.append(Track(here, 0, found.geometry, np.ones(len(found), bool)))
             tracks = _advance(tracks, found.node_type, flow)
             for track in tracks:
                 span = track.hops * hop
@@ -88,7 +92,20 @@ def chain_motions(
     return motions
 
 
-def _advance(tracks: Sequence[_Track], node_type: NodeType, flow: Flow) -> list[_Track]:
+def tracks_to_the_end(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int) -> list[Track]:
+    """Every frame's features, followed as long as whole hops fit into the demonstration."""
+    live: dict[int, list[Track]] = {}
+    ended: list[Track] = []
+    for t, found in enumerate(features):
+        tracks = [*live.pop(t, []), Track(t, 0, found.geometry, np.ones(len(found), bool))]
+        if t < len(flows):
+            live[t + hop] = _advance(tracks, found.node_type, flows[t])
+        else:
+            ended += tracks
+    return sorted(ended, key=lambda track: track.start)
+
+
+def _advance(tracks: Sequence[Track], node_type: NodeType, flow: Flow) -> list[Track]:
     """All tracks one hop further."""
     moving = np.concatenate([track.geometry[track.followed] for track in tracks])
     geometry, followed = follow_along(node_type, moving, flow)

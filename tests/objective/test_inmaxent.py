@@ -1,6 +1,7 @@
 """The objective of a batch of transitions, put together by hand."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import jaxtyping
@@ -18,6 +19,11 @@ from geoskill.objective.selection import select_out
 def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a user can pass by mistake must reach our own check also when the tests check annotations."""
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
+def without_goal(**values: Any) -> ObjectiveSettings:
+    """The paper's objective, which has no goal term."""
+    return ObjectiveSettings(goal_weight=0.0, **values)
 
 
 def two_frames(
@@ -44,7 +50,7 @@ def likelihood(change: float, beta: float, sigma0: float) -> float:
 
 
 def test_tracked_objective_by_hand() -> None:
-    settings = ObjectiveSettings(alternatives=1, rsw_weight=0.2)
+    settings = without_goal(alternatives=1, rsw_weight=0.2)
     value = transition_objective(settings, 0.6, FIRST, SECOND)
     changes = [-2.5, 0.5, -3.0, -0.5]
     assert float(value.reward) == pytest.approx(sum(-math.tanh(0.3 * c) for c in changes) / 4)
@@ -54,8 +60,35 @@ def test_tracked_objective_by_hand() -> None:
     assert float(value.objective) == pytest.approx(expected, abs=1e-12)
 
 
+def test_the_goal_counts_with_its_weight() -> None:
+    """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
+    arrivals = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
+    first = replace(FIRST, arrivals=arrivals, softened=FIRST.select_out)
+    second = replace(SECOND, arrivals=torch.zeros(3, dtype=torch.float64), softened=SECOND.select_out)
+    settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1)
+    value = transition_objective(settings, 0.6, first, second)
+    by_frame = [
+        0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
+        0.2 * math.log(0.2 / 0.5) + 0.8 * math.log(0.8 / 0.5),
+        0.0,
+        0.0,
+    ]
+    assert float(value.goal) == pytest.approx(sum(by_frame) / 4)
+    without = transition_objective(without_goal(), 0.6, first, second)
+    assert float(without.goal) == 0
+    assert float(value.objective) == pytest.approx(float(without.objective) - 0.5 * sum(by_frame) / 4)
+
+
+@pytest.mark.usefixtures("annotations_unchecked")
+def test_a_goal_that_counts_needs_arrivals() -> None:
+    with pytest.raises(ValueError, match=r"without arrivals or softened; expected both for .*goal_weight=1\.0"):
+        transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND)
+    with pytest.raises(ValueError, match="arrivals has 2 rows for 4 instances; expected as many"):
+        replace(FIRST, arrivals=torch.zeros(2, dtype=torch.float64))
+
+
 def test_frame_objective_by_hand() -> None:
-    settings = ObjectiveSettings(reward="frame", sigma0=0.3)
+    settings = without_goal(reward="frame", sigma0=0.3)
     value = transition_objective(settings, 0.6, FIRST, SECOND)
     changes = [2 - 6.25, 7 - 4]
     assert float(value.reward) == pytest.approx(sum(-math.tanh(0.3 * c) for c in changes) / 2)
@@ -64,7 +97,7 @@ def test_frame_objective_by_hand() -> None:
 
 
 def test_frame_objective_with_the_literal_vector_sum() -> None:
-    settings = ObjectiveSettings(reward="frame", error_reduction="vector")
+    settings = without_goal(reward="frame", error_reduction="vector")
     value = transition_objective(settings, 0.6, FIRST, SECOND)
     # Ec: 0.75 (3, 4) + 0.25 (6, 8), (2, -2), (0, 2), (3, 4)
     assert float(value.error) == pytest.approx((6.25 + math.sqrt(8) + 2 + 5) / 4)
@@ -82,7 +115,7 @@ def test_objective_rises_with_the_weight_of_an_approaching_instance() -> None:
         batch,
         1,
     )
-    transition_objective(ObjectiveSettings(), 0.3, frames, frames).objective.backward()
+    transition_objective(without_goal(), 0.3, frames, frames).objective.backward()
     assert scores.grad is not None
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
@@ -92,7 +125,7 @@ def test_regulariser_alone_sharpens_the_selection() -> None:
     batch = torch.zeros(3, dtype=torch.long)
     zero = torch.zeros(3, dtype=torch.float64)
     frames = FrameSelection(select_out(scores, batch, 1), zero[:, None], zero, batch, 1)
-    transition_objective(ObjectiveSettings(alternatives=1), 1.0, frames, frames).objective.backward()
+    transition_objective(without_goal(alternatives=1), 1.0, frames, frames).objective.backward()
     assert scores.grad is not None
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
@@ -121,7 +154,7 @@ def ragged(counts: list[int], seed: int) -> FrameSelection:
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
     first, second = ragged([3, 0, 7, 1, 0], seed=0), ragged([2, 5, 4, 0, 0], seed=1)
-    settings = ObjectiveSettings(reward=reward, alternatives=2)
+    settings = without_goal(reward=reward, alternatives=2)
     batched = transition_objective(settings, 0.4, first, second)
     single = [transition_objective(settings, 0.4, one_by_one(first, i), one_by_one(second, i)) for i in range(5)]
     for key in ("objective", "reward", "rsw", "error"):
@@ -130,14 +163,14 @@ def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
 
 def test_an_empty_frame_is_no_approach() -> None:
     first, second = ragged([3], seed=0), ragged([0], seed=1)
-    value = transition_objective(ObjectiveSettings(reward="frame"), 0.4, first, second)
+    value = transition_objective(without_goal(reward="frame"), 0.4, first, second)
     assert float(value.reward) == 0.0
-    assert float(transition_objective(ObjectiveSettings(reward="frame"), 0.4, second, first).reward) == 0.0
+    assert float(transition_objective(without_goal(reward="frame"), 0.4, second, first).reward) == 0.0
 
 
 def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_seed() -> None:
-    exact = transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND).objective
-    settings = ObjectiveSettings(partition="monte_carlo", first_samples=20000, second_samples=10)
+    exact = transition_objective(without_goal(), 0.6, FIRST, SECOND).objective
+    settings = without_goal(partition="monte_carlo", first_samples=20000, second_samples=10)
     estimates = [
         transition_objective(settings, 0.6, FIRST, SECOND, torch.Generator().manual_seed(5)).objective for _ in range(2)
     ]
@@ -149,7 +182,7 @@ def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_see
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 @pytest.mark.parametrize("error_reduction", ["norm", "vector"])
 def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any) -> None:
-    settings = ObjectiveSettings(reward=reward, error_reduction=error_reduction, alternatives=2)
+    settings = without_goal(reward=reward, error_reduction=error_reduction, alternatives=2)
     template = ragged([3, 4], seed=3), ragged([5, 2], seed=4)
 
     def objective(first_scores: Tensor, second_scores: Tensor) -> Tensor:
@@ -171,13 +204,13 @@ def test_float32_is_kept() -> None:
     )
     partition: Any
     for partition in ("exact", "monte_carlo"):
-        value = transition_objective(ObjectiveSettings(partition=partition), 0.4, single, single)
+        value = transition_objective(without_goal(partition=partition), 0.4, single, single)
         assert {value.objective.dtype, value.reward.dtype, value.rsw.dtype, value.error.dtype} == {torch.float32}
         assert value.objective.shape == ()
 
 
 def test_defaults_are_the_settled_ones() -> None:
-    settings = ObjectiveSettings()
+    settings = without_goal()
     assert (settings.sigma0, settings.rsw_weight, settings.alternatives, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
 
@@ -219,4 +252,4 @@ def test_selections_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="0 frames; expected at least one"):
         FrameSelection(torch.ones(0), torch.ones(0, 2), torch.ones(0), torch.zeros(0, dtype=torch.long), 0)
     with pytest.raises(ValueError, match="2 earlier and 1 later frames"):
-        transition_objective(ObjectiveSettings(), 1.0, FIRST, one_by_one(SECOND, 0))
+        transition_objective(without_goal(), 1.0, FIRST, one_by_one(SECOND, 0))

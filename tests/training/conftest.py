@@ -35,8 +35,9 @@ class Training:
     def __init__(self, frames: Sequence[np.ndarray], description: Mapping[str, Any]) -> None:
         self.description = description
         parts = build(description)
+        self.pipelines = parts.pipelines
         self.demonstration = Demonstration(
-            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, progress=in_silence
+            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, strangers=0, progress=in_silence
         )
 
     def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:

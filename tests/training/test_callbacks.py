@@ -143,13 +143,15 @@ def test_the_table_has_a_row_for_each_step_and_a_column_for_each_figure(whole: W
     with (whole.folder / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["step"], row["epoch"]) for row in rows] == [(str(i + 1), str(i // 3)) for i in range(12)]
-    figures = {f"{name}/{q}" for name in ("p2p_sift", "p2l_sift_lbd") for q in ("objective", "reward", "rsw", "error")}
+    quantities = ("objective", "reward", "rsw", "goal", "error")
+    figures = {f"{name}/{quantity}" for name in ("p2p_sift", "p2l_sift_lbd") for quantity in quantities}
     assert set(rows[0]) == {"step", "epoch"} | figures
     for row, kept in zip(rows, whole.table.rows, strict=True):
         assert {name: float(value) for name, value in row.items()} == kept
         for name in ("p2p_sift", "p2l_sift_lbd"):
             assert -1 <= kept[f"{name}/reward"] <= 1
             assert 0 <= kept[f"{name}/rsw"] <= 1
+            assert kept[f"{name}/goal"] > 0
     assert sorted(path.name for path in whole.folder.iterdir()) == ["metrics.csv", "skill.ckpt"]
 
 

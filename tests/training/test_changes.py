@@ -1,5 +1,6 @@
 """How control errors change over a transition, by hand, and the scale of the reward that follows."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,15 +11,16 @@ import torch
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
+from geoskill.graphs.motif_graph import Journey, MotifGraph, Motion, motif_graph
 from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
+from geoskill.objective.goal import arrival
 from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.training.changes import error_changes, fit_reward_scale
+from geoskill.training.changes import arrivals, error_changes, fit_reward_scale
 from geoskill.training.demonstration import Demonstration
 
 # A `Training` is what the fixtures of conftest.py make; see there.
@@ -177,3 +179,57 @@ def test_the_median_mover_of_a_demonstration_earns_the_announced_reward(
                     sizes.append(error_changes(member, graph, "relative").abs()[moving])
             rewards = torch.tanh(beta / 2 * torch.cat(sizes))
             assert float(rewards.quantile(0.5)) == pytest.approx(np.tanh(0.75), rel=1e-3)
+
+
+def travelled(
+    journey: dict[NodeType, Journey], kernel: Kernel, geometry: dict[NodeType, list[list[float]]]
+) -> MotifGraph:
+    """A frame's graph with journeys, without motions."""
+    features = {
+        kind: FeatureSet(
+            kind, np.eye(len(rows), 4, dtype=np.float32), np.array(rows, np.float32), np.zeros(len(rows), np.float32)
+        )
+        for kind, rows in geometry.items()
+    }
+    return motif_graph(kernel, features, journey=journey)
+
+
+def test_arrivals_by_hand() -> None:
+    """Two anchors. The first point comes from (0, 0), known since the first; the second rests at (100, 0), known since
+    the second; the third is known at none, and that the fourth arrives anywhere is not known."""
+    here = [[40.0, 0], [100, 0], [100, 50], [0, 100]]
+    places = torch.tensor([[[0.0, 0], [10, 0]], [[100, 0], [100, 0]], [[100, 50], [100, 50]], [[0, 100], [0, 100]]])
+    final = torch.tensor([[97.0, 0], [100, 0], [100, 50], [0, 100]])
+    journey = Journey(places, torch.tensor([0, 1, 2, 0]), final, torch.tensor([True, True, True, False]))
+    graph = travelled({POINT: journey}, PointToPoint(), {POINT: here})
+    values = arrivals(member_of(PointToPoint()), graph).tolist()
+    earned_by = dict(zip(map(tuple, graph.instance_index.T.tolist()), values, strict=True))
+
+    def earned(before: float, after: float) -> float:
+        return float(arrival(torch.tensor([float(before)]), torch.tensor([float(after)]), torch.tensor([True]), 1.0))
+
+    assert earned_by[0, 1] == pytest.approx(earned(90, 3)), "90 px at the second anchor, 60 px now, 3 px in the end"
+    assert earned_by[0, 2] == pytest.approx(earned(math.hypot(60, 50), math.hypot(3, 50))), (
+        "its past is unknown"
+    )
+    assert earned_by[1, 2] == pytest.approx(0, abs=1e-6), "both rest"
+    assert earned_by[0, 3] == earned_by[1, 3] == earned_by[2, 3] == 0
+
+
+def test_an_association_that_was_nearer_once_still_counts_from_where_it_is() -> None:
+    places = torch.tensor([[[95.0, 0]], [[100, 0]]])
+    journey = Journey(places, torch.tensor([0, 0]), torch.tensor([[100.0, 0], [100, 0]]), torch.tensor([True, True]))
+    graph = travelled({POINT: journey}, PointToPoint(), {POINT: [[20.0, 0], [100, 0]]})
+    expected = arrival(torch.tensor([80.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
+    torch.testing.assert_close(arrivals(member_of(PointToPoint()), graph), expected)
+
+
+def test_arrivals_of_a_point_at_a_line() -> None:
+    """A point 30 px above a horizontal line; it was 50 px above it, and ends 2 px below."""
+    points = Journey(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), torch.tensor([True]))
+    line = torch.tensor([[0.0, 0, 10, 0]])
+    lines = Journey(line[:, None], torch.tensor([0]), line, torch.tensor([True]))
+    graph = travelled({POINT: points, LINE: lines}, PointToLine(), {POINT: [[5.0, -30]], LINE: line.tolist()})
+    member = member_of(PointToLine())
+    expected = arrival(torch.tensor([50.0]), torch.tensor([2.0]), torch.tensor([True]), member.kernel.resolution)
+    torch.testing.assert_close(arrivals(member, graph), expected)

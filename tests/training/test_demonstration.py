@@ -123,7 +123,9 @@ def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], descript
         return items
 
     parts = build(description)
-    Demonstration(demonstration_frames[:4], parts.pipelines, parts.members, gap=2, horizon=0.0, progress=progress)
+    Demonstration(
+        demonstration_frames[:4], parts.pipelines, parts.members, gap=2, horizon=0.0, strangers=0, progress=progress
+    )
     assert told == [("extracting features", 4), ("following motion", 2)]
 
 
@@ -135,7 +137,15 @@ def test_frames_without_any_association_are_refused(training_of: Callable[..., T
         with pytest.raises(
             InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
         ):
-            Demonstration(flat, parts.pipelines, parts.members, gap=2, horizon=0.0, progress=lambda items, text: items)
+            Demonstration(
+                flat,
+                parts.pipelines,
+                parts.members,
+                gap=2,
+                horizon=0.0,
+                strangers=0,
+                progress=lambda items, text: items,
+            )
 
 
 def test_a_gap_longer_than_the_demonstration_is_refused(
@@ -149,5 +159,6 @@ def test_a_gap_longer_than_the_demonstration_is_refused(
             parts.members,
             gap=5,
             horizon=0.0,
+            strangers=0,
             progress=lambda items, text: items,
         )

@@ -62,7 +62,7 @@ def test_an_ensemble_learns_what_its_members_learn_alone(
         table = alone.run(module, tmp_path / name, epochs=2)
         assert torch.equal(flat(module.members[name]), flat(together.members[name]))
         assert not torch.allclose(flat(module.members[name]), before[name], atol=1e-3)
-        for quantity in ("objective", "reward", "rsw", "error"):
+        for quantity in ("objective", "reward", "rsw", "goal", "error"):
             assert np.array_equal(column(table, f"{name}/{quantity}"), column(both, f"{name}/{quantity}"))
 
 

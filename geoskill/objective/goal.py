@@ -1,0 +1,72 @@
+"""The goal: what a demonstration brings together, and keeps together until its end, is what it is about.
+
+The incremental reward looks at the way and cannot tell the point that meets its partner from its neighbour, which meets
+it all but a centimetre. The end can. A term that only wants small errors in the end would choose what never was apart
+(METHOD, "The reward is the weak spot, and how to mend it"); this one is conditional on having approached.
+
+    arrival  a_i = log((before_i + s) / (after_i + s)) / (1 + log((before_i + s) / s))
+    goal         = mean over frames of KL(q || g),   q = softmax(a / temperature),   g = softmax(b / softening)
+
+q is the distribution of maximum entropy for its mean arrival. The select-out g is drawn to it rather than made to
+maximise the mean of a itself: that one is linear in g and, measured, collapses on whichever instance leads first.
+"""
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from torch_geometric.utils import scatter
+
+from geoskill.objective.selection import select_out
+
+# Error within which two places are the same, in units of what detection resolves: the detections of two features, each
+# followed or found twice.
+SAME_PLACE = 4.0
+
+
+def arrival(
+    before: Float[Tensor, " m"], after: Float[Tensor, " m"], known: Bool[Tensor, " m"], resolution: float
+) -> Float[Tensor, " m"]:
+    """How much of the digits of its error each instance lost until the end: below 1, and 0 for what stays as it is.
+
+    Args:
+        before: the largest norm of its control error that is known, of the frame's past and of the frame itself.
+        after: the norm at the end of the demonstration.
+        known: whether ``after`` is; other instances earn 0.
+        resolution: error within what detection resolves, in the error's unit.
+
+    From 96 px to nothing, to 8 px, and apart:
+
+    >>> before, after = torch.tensor([96.0, 96.0, 2.0]), torch.tensor([0.0, 8.0, 12.0])
+    >>> arrival(before, after, torch.ones(3, dtype=torch.bool), resolution=1.0)
+    tensor([ 0.7630,  0.5026, -0.6979])
+    """
+    same = SAME_PLACE * resolution
+    approached = torch.log((before + same) / (after + same)) / (1.0 + torch.log((before + same) / same))
+    return torch.where(known, approached, torch.zeros_like(approached))
+
+
+def goal_divergence(
+    softened: Float[Tensor, " m"],
+    arrivals: Float[Tensor, " m"],
+    temperature: float,
+    batch: Int[Tensor, " m"],
+    num_frames: int,
+) -> Float[Tensor, " frames"]:
+    """KL(q || g) of each frame, where q is the softmax of the arrivals over the temperature; 0 without instances.
+
+    Args:
+        softened: g, the select-out at the temperature of the goal, summing to 1 over each frame.
+        arrivals: of :func:`arrival`.
+        temperature: how much less than the best arrival still counts.
+        batch: the frame of each instance, sorted.
+        num_frames: frames, those without any instance included.
+
+    >>> g, a = torch.tensor([0.5, 0.5]), torch.tensor([0.0, 0.05 * torch.log(torch.tensor(3.0))])
+    >>> goal_divergence(g, a, 0.05, torch.tensor([0, 0]), num_frames=2)
+    tensor([0.1308, 0.0000])
+    """
+    wanted = select_out(arrivals / temperature, batch, num_frames)
+    tiny = torch.finfo(wanted.dtype).tiny
+    terms = wanted * (wanted.clamp_min(tiny).log() - softened.clamp_min(tiny).log())
+    divergence: Tensor = scatter(terms, batch, dim=0, dim_size=num_frames, reduce="sum")
+    return divergence

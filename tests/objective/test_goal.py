@@ -1,0 +1,84 @@
+"""The goal term by hand, and what it is for."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geoskill.objective.goal import arrival, goal_divergence
+from geoskill.objective.selection import select_out
+
+ERRORS = st.floats(0.0, 1e4)
+
+
+def arrived(before: float, after: float, known: bool = True, resolution: float = 1.0) -> float:
+    values = torch.tensor([before], dtype=torch.float64), torch.tensor([after], dtype=torch.float64)
+    return float(arrival(*values, torch.tensor([known]), resolution))
+
+
+def test_arrival_by_hand() -> None:
+    assert arrived(60, 4) == pytest.approx(math.log(64 / 8) / (1 + math.log(64 / 4)))
+    assert arrived(30, 2, resolution=0.5) == arrived(60, 4), "errors count in units of what is resolved"
+
+
+def test_what_is_not_known_to_end_anywhere_earns_nothing() -> None:
+    assert arrived(60, 0, known=False) == 0
+
+
+@given(error=ERRORS)
+def test_what_stays_as_it_is_earns_nothing_near_or_far(error: float) -> None:
+    assert arrived(error, error) == pytest.approx(0, abs=1e-12)
+
+
+@given(before=ERRORS, after=ERRORS)
+def test_arrivals_are_below_one_and_have_the_sign_of_the_approach(before: float, after: float) -> None:
+    value = arrived(before, after)
+    assert value < 1
+    assert math.copysign(1, value) == math.copysign(1, before - after) or value == pytest.approx(0, abs=1e-9)
+
+
+@given(before=st.floats(10, 1e4), after=st.floats(0, 5), nearer=st.floats(0.1, 4.9))
+def test_of_equal_ways_the_one_that_ends_nearer_earns_more(before: float, after: float, nearer: float) -> None:
+    assert arrived(before, min(after, nearer) / 2) > arrived(before, max(after, nearer))
+
+
+def test_a_neighbour_of_the_goal_earns_clearly_less_although_it_comes_as_much_closer() -> None:
+    """200 px from its tile, a box's corner meets the tile's corner within 2 px and passes the next within 30."""
+    q = torch.softmax(torch.tensor([arrived(200, 2), arrived(228, 30)]) / 0.05, 0)
+    assert float(q[0]) > 0.99
+
+
+def test_divergence_by_hand() -> None:
+    g = torch.tensor([0.5, 0.25, 0.25, 1.0], dtype=torch.float64)
+    # Over a temperature of 0.1: weights 4, 1, 1 and a frame of one instance.
+    a = torch.tensor([0.1 * math.log(4), 0.0, 0.0, 0.7], dtype=torch.float64)
+    q = [4 / 6, 1 / 6, 1 / 6]
+    expected = sum(q_i * math.log(q_i / float(g_i)) for q_i, g_i in zip(q, g[:3], strict=True))
+    values = goal_divergence(g, a, 0.1, torch.tensor([0, 0, 0, 2]), num_frames=3)
+    torch.testing.assert_close(values, torch.tensor([expected, 0.0, 0.0], dtype=torch.float64))
+
+
+@given(scores=st.lists(st.floats(-20, 20), min_size=1, max_size=6))
+def test_divergence_is_zero_only_for_the_softmax_of_the_arrivals(scores: list[float]) -> None:
+    batch = torch.zeros(len(scores), dtype=torch.long)
+    a = torch.linspace(0, 0.5, len(scores), dtype=torch.float64)
+    wanted = select_out(a / 0.05, batch, 1)
+    assert float(goal_divergence(wanted, a, 0.05, batch, 1)) == pytest.approx(0, abs=1e-12)
+    other = select_out(torch.tensor(scores, dtype=torch.float64), batch, 1)
+    assert float(goal_divergence(other, a, 0.05, batch, 1)) >= -1e-12
+
+
+def test_gradient_of_the_scores_is_the_difference_of_the_distributions() -> None:
+    """d KL(q || softmax(b)) / db = softmax(b) - q, also where an instance had been given up."""
+    scores = torch.tensor([0.0, -60.0, 1.0], dtype=torch.float64, requires_grad=True)
+    batch, a = torch.zeros(3, dtype=torch.long), torch.tensor([0.0, 0.5, 0.1], dtype=torch.float64)
+    g = select_out(scores, batch, 1)
+    goal_divergence(g, a, 0.05, batch, 1).sum().backward()
+    torch.testing.assert_close(scores.grad, (g - select_out(a / 0.05, batch, 1)).detach())
+
+
+def test_frames_without_instances() -> None:
+    empty = torch.zeros(0)
+    assert goal_divergence(empty, empty, 0.05, torch.zeros(0, dtype=torch.long), 2).tolist() == [0.0, 0.0]

@@ -1,0 +1,111 @@
+"""Features that never were there: where they come from, and what a frame with them looks like."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.features.pipeline import FeaturePipeline
+from geoskill.features.sift import Sift
+from geoskill.geometry.primitives import NodeType
+from geoskill.graphs.motif_graph import Journey, Motion
+from geoskill.training.demonstration import Demonstration
+from geoskill.training.journeys import likeness_of
+from geoskill.training.strangers import find_strangers, with_strangers
+
+# A `Training` is what the fixtures of conftest.py make; see there.
+Training = Any
+
+
+def test_strangers_look_like_no_feature_of_the_demonstration(demonstration_frames: tuple[np.ndarray, ...]) -> None:
+    frames, pipeline = demonstration_frames[:4], FeaturePipeline(Sift(), max_features=20, min_side=0)
+    features = [pipeline.extract(frame) for frame in frames]
+    told = []
+
+    def progress(items: Any, text: str) -> Any:
+        told.append((list(items), text))
+        return items
+
+    strangers = find_strangers(frames, features, pipeline, likeness_of(features), progress)
+    assert told == [([0, 1, 2, 3], "finding strangers")]
+    assert strangers.node_type is NodeType.POINT
+    assert len(strangers) > 60, "most of 3 pictures of 4 frames with 20 features each"
+    real = np.concatenate([found.descriptors for found in features])
+    distances = np.linalg.norm(strangers.descriptors[:, None] - real[None], axis=2)
+    assert distances.min() >= likeness_of(features) - 1e-3
+
+
+def test_a_symmetric_pattern_has_no_strangers_in_the_mirror() -> None:
+    """All that its mirror image has, it has itself; a negative of it shows the same blobs in the other polarity."""
+    picture = np.full((120, 160, 3), 40, np.uint8)
+    for x, y in ((50, 60), (109, 60), (80, 30)):
+        rows, columns = np.mgrid[:120, :160]
+        picture[(rows - y) ** 2 + (columns - x) ** 2 <= 64] = 220
+    pipeline = FeaturePipeline(Sift(), max_features=20, min_side=0)
+    features = [pipeline.extract(picture)]
+    mirrored = pipeline.extract(np.ascontiguousarray(picture[:, ::-1]))
+    strangers = find_strangers([picture], features, pipeline, 0.5, lambda items, text: items)
+    for descriptor in strangers.descriptors:
+        assert np.linalg.norm(mirrored.descriptors - descriptor, axis=1).min() > 0.3
+
+
+@pytest.mark.parametrize("own", [3, 0])
+def test_strangers_come_last_and_go_nowhere(own: int) -> None:
+    random = np.random.default_rng(0)
+
+    def features(count: int) -> FeatureSet:
+        descriptors = random.normal(size=(count, 4)).astype(np.float32)
+        descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
+        strength = np.arange(count, 0, -1, dtype=np.float32)
+        return FeatureSet(NodeType.POINT, descriptors, random.uniform(size=(count, 2)).astype(np.float32), strength)
+
+    found, strangers = features(own), features(2)
+    yes = torch.ones(own, dtype=torch.bool)
+    motion = Motion(torch.rand(own, 2), yes)
+    journey = Journey(torch.rand(own, 5, 2), torch.zeros(own, dtype=torch.long), torch.rand(own, 2), yes)
+    joined, moved, travelled = with_strangers(found, motion, journey, strangers)
+    assert np.array_equal(joined.descriptors, np.concatenate([found.descriptors, strangers.descriptors]))
+    assert np.array_equal(joined.geometry, np.concatenate([found.geometry, strangers.geometry]))
+    assert moved.followed.tolist() == travelled.arrives.tolist() == [True] * own + [False] * 2
+    assert travelled.since.tolist() == [0] * own + [5] * 2, "no anchor knows a stranger's place"
+    for of_all, of_own in (
+        (moved.geometry, motion.geometry),
+        (travelled.final, journey.final),
+        (travelled.places[:, 3], journey.places[:, 3]),
+    ):
+        assert torch.equal(of_all, torch.cat([of_own, torch.from_numpy(strangers.geometry)]))
+
+
+def test_a_demonstration_gives_each_frame_its_own_strangers(
+    training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...]
+) -> None:
+    training = training_of("p2p_sift")
+    members = training.members()
+    plain = training.demonstration
+
+    def with_so_many(count: int) -> Demonstration:
+        return Demonstration(
+            demonstration_frames,
+            training.pipelines,
+            members,
+            gap=2,
+            horizon=0.6,
+            strangers=count,
+            progress=lambda items, text: items,
+        )
+
+    some = with_so_many(7)
+    added = []
+    for index in (0, 1, 40):
+        own, more = plain[index]["p2p_sift"]["first"], some[index]["p2p_sift"]["first"]
+        count = own.node_count(NodeType.POINT)
+        assert torch.equal(more.point_descriptor[:count], own.point_descriptor)
+        assert more.node_count(NodeType.POINT) == count + 7
+        assert more.instance_index.shape[1] == (count + 7) * (count + 6) // 2
+        added.append(more.point_descriptor[count:])
+    assert not torch.equal(added[0], added[1])
+    again = some[0]["p2p_sift"]["first"]
+    assert torch.equal(again.point_descriptor[-7:], added[0]), "the same in every epoch, so that training can resume"
