@@ -61,7 +61,7 @@ def fit_reward_scale(
         changes: list[list[Tensor]] = [[] for _ in spans]
         moves: list[list[Tensor]] = [[] for _ in spans]
         for index in range(len(demonstration)):
-            graph = demonstration[index][name]["first"]
+            graph = demonstration.observed(name, index)
             span = int(graph.span_index)
             changes[span].append(error_changes(member, graph, objective.change))
             moves[span].append(error_changes(member, graph, "absolute").abs() > member.kernel.resolution)

@@ -130,12 +130,19 @@ class Demonstration(Dataset[Transition]):
             for name, member in self.members.items()
         }
 
-    def _graph(self, member: KernelModel, frame: int, span: int, span_index: int) -> MotifGraph:
+    def observed(self, name: str, index: int) -> MotifGraph:
+        """A member's graph of a transition's first frame with what was there only, no strangers."""
+        t, span_index = self._transitions[index]
+        return self._graph(self.members[name], t, self.spans[span_index], span_index, strangers=False)
+
+    def _graph(
+        self, member: KernelModel, frame: int, span: int, span_index: int, strangers: bool = True
+    ) -> MotifGraph:
         features, motion, journey = {}, {}, {}
         for kind in member.node_types:
             name = member.extractors[kind]
             found = self._features[name][frame], self._motions[name][frame, span], self._journeys[name][frame]
-            if self._strangers_per_frame > 0:
+            if strangers and self._strangers_per_frame > 0:
                 found = with_strangers(*found, self._some_strangers(name, frame, span))
             features[kind], motion[kind], journey[kind] = found
         graph = motif_graph(member.kernel, features, motion, journey)

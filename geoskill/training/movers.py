@@ -41,10 +41,10 @@ def fit_movers(
         if not exchanged:
             continue
         role = member.kernel.roles[0]
-        width = demonstration[0][name]["first"][f"{role}_descriptor"].shape[1]
+        width = demonstration.observed(name, 0)[f"{role}_descriptor"].shape[1]
         moments, products, total = torch.zeros(width, width), torch.zeros(width), 0.0
         for index in range(len(demonstration)):
-            graph = demonstration[index][name]["first"]
+            graph = demonstration.observed(name, index)
             descriptors = graph[f"{role}_descriptor"]
             weight = reward(error_changes(member, graph, objective.change), member.beta[int(graph.span_index)])
             weight = weight.clamp_min(0.0)

@@ -103,13 +103,13 @@ class HandMade(Demonstration):
         self.spans = spans
         for span_index, graph in graphs:
             graph.span_index = torch.tensor([span_index])
-        self.items = [{"p2p_sift": {"first": graph}} for _, graph in graphs]
+        self.graphs = [graph for _, graph in graphs]
 
     def __len__(self) -> int:
-        return len(self.items)
+        return len(self.graphs)
 
-    def __getitem__(self, index: int) -> Any:
-        return self.items[index]
+    def observed(self, name: str, index: int) -> MotifGraph:
+        return self.graphs[index]
 
 
 def approach(start: float, end: float) -> MotifGraph:

@@ -53,8 +53,8 @@ class Frames(Demonstration):
     def __len__(self) -> int:
         return len(self.graphs)
 
-    def __getitem__(self, index: int) -> Any:
-        return {"member": {"first": self.graphs[index]}}
+    def observed(self, name: str, index: int) -> MotifGraph:
+        return self.graphs[index]
 
 
 def unit(rows: np.ndarray) -> np.ndarray:

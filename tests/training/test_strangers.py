@@ -106,6 +106,7 @@ def test_a_demonstration_gives_each_frame_its_own_strangers(
         assert more.node_count(NodeType.POINT) == count + 7
         assert more.instance_index.shape[1] == (count + 7) * (count + 6) // 2
         added.append(more.point_descriptor[count:])
+        assert torch.equal(some.observed("p2p_sift", index).point_descriptor, own.point_descriptor)
     assert not torch.equal(added[0], added[1])
     again = some[0]["p2p_sift"]["first"]
     assert torch.equal(again.point_descriptor[-7:], added[0]), "the same in every epoch, so that training can resume"
