@@ -20,7 +20,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.training.journeys import journeys, likeness_of
+from geoskill.training.journeys import journeys
 from geoskill.training.strangers import find_strangers, with_strangers
 from geoskill.training.tracks import Progress, chain_motions, neighbour_flows
 
@@ -102,12 +102,9 @@ class Demonstration(Dataset[Transition]):
         self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
             name: chain_motions(found, flows, gap, self.spans) for name, found in self._features.items()
         }
-        self._strangers = {
-            name: find_strangers(frames, found, pipelines[name], likeness_of(found), progress)
-            for name, found in self._features.items()
-            if strangers > 0
-        }
         self._strangers_per_frame = strangers
+        wanted = pipelines if strangers > 0 else {}
+        self._strangers = {name: find_strangers(frames, pipeline, progress) for name, pipeline in wanted.items()}
         shorter_side = min(frames[0].shape[:2])
         self._journeys = {name: journeys(found, flows, gap, shorter_side) for name, found in self._features.items()}
 
@@ -135,9 +132,7 @@ class Demonstration(Dataset[Transition]):
         t, span_index = self._transitions[index]
         return self._graph(self.members[name], t, self.spans[span_index], span_index, strangers=False)
 
-    def _graph(
-        self, member: KernelModel, frame: int, span: int, span_index: int, strangers: bool = True
-    ) -> MotifGraph:
+    def _graph(self, member: KernelModel, frame: int, span: int, span_index: int, strangers: bool = True) -> MotifGraph:
         features, motion, journey = {}, {}, {}
         for kind in member.node_types:
             name = member.extractors[kind]

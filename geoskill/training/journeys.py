@@ -66,7 +66,7 @@ class _Past:
 
 def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tolerance_px: float) -> list[_Past]:
     anchors = np.linspace(0, len(features) - 1, ANCHORS).round().astype(np.int64)
-    likeness = likeness_of(features)
+    likeness = _likeness(features)
     pasts: list[_Past] = []
     for t, own in enumerate(features):
         # Anchor a is looked up where the walk back from t in whole hops comes last before a.
@@ -98,7 +98,7 @@ def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tole
     return pasts
 
 
-def likeness_of(features: Sequence[FeatureSet]) -> float:
+def _likeness(features: Sequence[FeatureSet]) -> float:
     """The distance between descriptors up to which they are alike, from those of different features of one frame."""
     apart = [np.linalg.norm(found.descriptors[1:] - found.descriptors[:-1], axis=1) for found in features]
     distances = np.concatenate(apart)

@@ -1,8 +1,9 @@
 """Features that never were there: what a skill must not be sure of, since it has never seen it take part.
 
 A demonstration shows few things. What a robot's gripper or another table looks like is not among them, and a scorer is
-free to like it. Features of the demonstration's own pictures in a mirror, as negatives, and both, are as natural as
-real ones, but are no features of the scene: added to the frames in training, associations with them earn nothing.
+free to like it. Added to the frames in training are features of the demonstration's own pictures in a mirror, as
+negatives, and both, and of pictures of dead leaves; associations with them earn nothing. Some look like a real feature:
+the corner of any bright rectangle looks like its mirror image. To prefer what is not found everywhere is their use.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,10 +16,13 @@ from torch import Tensor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import Journey, Motion
+from geoskill.training.dead_leaves import dead_leaves
 from geoskill.training.tracks import Progress
 
 # Frames of the demonstration, spread over it, from which strangers are taken.
 SOURCES = 16
+# Pictures of dead leaves beside each of them.
+LEAVES = 6
 
 Picture = UInt8[np.ndarray, "height width 3"]
 CHANGES: tuple[Callable[[Picture], Picture], ...] = (
@@ -28,36 +32,25 @@ CHANGES: tuple[Callable[[Picture], Picture], ...] = (
 )
 
 
-def find_strangers(
-    frames: Sequence[Picture],
-    features: Sequence[FeatureSet],
-    pipeline: FeaturePipeline,
-    likeness: float,
-    progress: Progress,
-) -> FeatureSet:
-    """The strangers of one extractor.
+def find_strangers(frames: Sequence[Picture], pipeline: FeaturePipeline, progress: Progress) -> FeatureSet:
+    """The strangers of one extractor, the same for the same frames.
 
     Args:
         frames: of the demonstration.
-        features: theirs.
         pipeline: the extractor.
-        likeness: a stranger that differs from some real feature by no more, as a symmetric pattern's does, is none.
-        progress: shows progress over the frames.
+        progress: shows progress over the frames that are taken.
     """
-    real = np.concatenate([found.descriptors for found in features])
+    random = np.random.default_rng(0)
+    height, width = frames[0].shape[:2]
     chosen = np.unique(np.linspace(0, len(frames) - 1, SOURCES).round().astype(int)).tolist()
-    sets = [
-        pipeline.extract(np.ascontiguousarray(change(frames[t])))
-        for t in progress(chosen, "finding strangers")
-        for change in CHANGES
-    ]
-    descriptors = np.concatenate([found.descriptors for found in sets])
-    geometry = np.concatenate([found.geometry for found in sets])
-    # Of unit vectors, those closer than d have a product above 1 - d²/2.
-    unlike = np.array(
-        [(real @ descriptor).max(initial=-1.0) < 1.0 - likeness**2 / 2 for descriptor in descriptors], bool
-    )
-    return FeatureSet(features[0].node_type, descriptors[unlike], geometry[unlike], np.zeros(unlike.sum(), np.float32))
+    found = []
+    for t in progress(chosen, "finding strangers"):
+        pictures = [change(frames[t]) for change in CHANGES]
+        pictures += [dead_leaves(height, width, random) for _ in range(LEAVES)]
+        found += [pipeline.extract(np.ascontiguousarray(picture)) for picture in pictures]
+    descriptors = np.concatenate([each.descriptors for each in found])
+    geometry = np.concatenate([each.geometry for each in found])
+    return FeatureSet(found[0].node_type, descriptors, geometry, np.zeros(len(geometry), np.float32))
 
 
 def with_strangers(

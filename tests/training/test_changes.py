@@ -209,9 +209,7 @@ def test_arrivals_by_hand() -> None:
         return float(arrival(torch.tensor([float(before)]), torch.tensor([float(after)]), torch.tensor([True]), 1.0))
 
     assert earned_by[0, 1] == pytest.approx(earned(90, 3)), "90 px at the second anchor, 60 px now, 3 px in the end"
-    assert earned_by[0, 2] == pytest.approx(earned(math.hypot(60, 50), math.hypot(3, 50))), (
-        "its past is unknown"
-    )
+    assert earned_by[0, 2] == pytest.approx(earned(math.hypot(60, 50), math.hypot(3, 50))), "its past is unknown"
     assert earned_by[1, 2] == pytest.approx(0, abs=1e-6), "both rest"
     assert earned_by[0, 3] == earned_by[1, 3] == earned_by[2, 3] == 0
 

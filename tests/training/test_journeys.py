@@ -7,7 +7,7 @@ import pytest
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import Journey
-from geoskill.training.journeys import ANCHORS, journeys, likeness_of
+from geoskill.training.journeys import ANCHORS, journeys
 from geoskill.training.tracks import neighbour_flows
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
@@ -149,7 +149,17 @@ def test_frames_without_any_feature(frames: list[np.ndarray], hop: int) -> None:
     assert all(journey.places.shape == (0, ANCHORS, 4) for journey in empty)
 
 
-def test_alike_means_nearer_than_half_of_what_lies_between_different_features() -> None:
-    apart = np.eye(3, dtype=np.float32)
-    assert likeness_of([feature_set(ON_GROUND, apart)]) == pytest.approx(np.sqrt(2) / 2)
-    assert likeness_of([feature_set(ON_GROUND[:1], apart[:1])]) == 0
+@pytest.mark.parametrize(("difference", "is_known"), [(0.6, True), (0.8, False)])
+def test_alike_means_nearer_than_half_of_what_lies_between_different_features(
+    frames: list[np.ndarray], difference: float, is_known: bool
+) -> None:
+    """Different features are 1.41 apart; from frame 14 on, one of them differs by this much from what it was."""
+    features = []
+    cosine = 1 - difference**2 / 2
+    for t in range(FRAMES):
+        descriptors = np.eye(6, dtype=np.float32)[:4].copy()
+        if t >= 14:
+            descriptors[3] = [0, 0, 0, cosine, np.sqrt(1 - cosine**2), 0]
+        features.append(feature_set(np.concatenate([ON_GROUND, ON_PATCH[:1] + moved(t)]), descriptors))
+    since = 0 if is_known else int(np.searchsorted(anchor_frames(), 14))
+    assert journeys_of(features, frames)[FRAMES - 1].since.tolist() == [0, 0, 0, since]
