@@ -63,8 +63,8 @@ class ObjectiveSettings:
     second_samples: int = 1000
     beta_scale: float = 1.5
     goal_weight: float = 1.0
-    goal_temperature: float = 0.1
-    goal_softening: float = 20.0
+    goal_temperature: float = 0.05
+    goal_softening: float = 10.0
 
     def __post_init__(self) -> None:
         lowest, highest = SIGMA0_RANGE

@@ -22,7 +22,7 @@ from geoskill.training.tracks import Progress
 # Frames of the demonstration, spread over it, from which strangers are taken.
 SOURCES = 16
 # Pictures of dead leaves beside each of them.
-LEAVES = 6
+LEAVES = 3
 
 Picture = UInt8[np.ndarray, "height width 3"]
 CHANGES: tuple[Callable[[Picture], Picture], ...] = (

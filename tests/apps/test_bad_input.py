@@ -110,6 +110,8 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("demonstration.horizon=2", ["demonstration.horizon=2", "0 to 1"]),
         ("demonstration.batch_size=0", ["demonstration.batch_size=0", "at least 1"]),
         ("demonstration.descriptor_noise=-1", ["demonstration.descriptor_noise=-1", "0 or more"]),
+        ("demonstration.strangers=-1", ["demonstration.strangers=-1", "0 or more"]),
+        ("objective.goal_temperature=0", ["objective.goal_temperature", "0", "positive"]),
         ("optimizer.lr=-1", ["optimizer", "-1"]),
         ("optimizer.lr=x", ["optimizer.lr=x", "number"]),
         ("early_stopping.patience=x", ["early_stopping.patience=x", "or null"]),

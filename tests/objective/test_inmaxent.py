@@ -210,8 +210,9 @@ def test_float32_is_kept() -> None:
 
 
 def test_defaults_are_the_settled_ones() -> None:
-    settings = without_goal()
+    settings = ObjectiveSettings()
     assert (settings.sigma0, settings.rsw_weight, settings.alternatives, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
+    assert (settings.goal_weight, settings.goal_temperature, settings.goal_softening) == (1.0, 0.05, 10.0)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
 
 
@@ -233,6 +234,9 @@ def test_defaults_are_the_settled_ones() -> None:
         ("second_samples", -3, "a whole number of at least 1"),
         ("beta_scale", 0.0, "a positive number"),
         ("beta_scale", math.nan, "a positive number"),
+        ("goal_weight", -1.0, "a number that is not negative"),
+        ("goal_temperature", 0.0, "a positive number"),
+        ("goal_softening", math.inf, "a positive number"),
         ("reward", "both", "one of tracked, frame"),
         ("error_reduction", "sum", "one of norm, vector"),
         ("partition", "closed", "one of exact, monte_carlo"),
