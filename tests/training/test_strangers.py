@@ -15,7 +15,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import Journey, Motion
 from geoskill.training.dead_leaves import dead_leaves
 from geoskill.training.demonstration import Demonstration
-from geoskill.training.strangers import find_strangers, with_strangers
+from geoskill.training.strangers import CHANGES, LEAVES, find_strangers, with_strangers
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -36,7 +36,8 @@ def test_strangers_are_of_pictures_that_were_never_taken(demonstration_frames: t
     negative = pipeline.extract(255 - frames[1])
     known = {row.tobytes() for row in strangers.descriptors}
     assert {row.tobytes() for row in mirrored.descriptors} | {row.tobytes() for row in negative.descriptors} <= known
-    assert len(strangers) > len(known) / 2 > 3 * 6 * 10, "and of leaves, 20 from most of 18 pictures"
+    of_a_frame = len(frames) * len(CHANGES) * 20
+    assert len(strangers) > of_a_frame + len(frames) * LEAVES * 10, "and of leaves, at most 20 from each picture"
     assert np.array_equal(find_strangers(frames, pipeline, progress).descriptors, strangers.descriptors)
 
 
