@@ -1,7 +1,7 @@
 """How the control errors of a demonstration's instances change, and the scale of the reward that follows."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from geoskill.errors import InputError
@@ -22,9 +22,7 @@ def error_changes(member: KernelModel, graph: MotifGraph, kind: ErrorChange) -> 
     before = error_norm(member.control_errors(graph))
     after = error_norm(member.control_errors(graph, "moved"))
     change = error_change(before, after, kind, member.kernel.resolution)
-    followed = member.attribute(graph, "followed")
-    rows = zip(member.kernel.roles, graph.instance_index, strict=True)
-    known = torch.stack([followed[role][row] for role, row in rows]).all(dim=0)
+    known = _of_nodes(member, graph, "followed").all(dim=0)
     return torch.where(known, change, torch.zeros_like(change))
 
 
@@ -35,17 +33,22 @@ def arrivals(member: KernelModel, graph: MotifGraph) -> Float[Tensor, " m"]:
     known.
     """
     now = error_norm(member.control_errors(graph))
-    rows = list(zip(member.kernel.roles, graph.instance_index, strict=True))
-    places, since = member.attribute(graph, "places"), member.attribute(graph, "since")
-    anchor = torch.stack([since[role][row] for role, row in rows]).amax(dim=0)
+    places = member.attribute(graph, "places")
+    anchor = _of_nodes(member, graph, "since").amax(dim=0)
     anchors = places[member.node_types[0]].shape[1]
+    rows = zip(member.kernel.roles, graph.instance_index, strict=True)
     nodes = [places[role][row, anchor.clamp_max(anchors - 1)] for role, row in rows]
     first = error_norm(member.kernel.control_error(nodes))
     before = torch.where(anchor < anchors, torch.maximum(now, first), now)
     after = error_norm(member.control_errors(graph, "final"))
-    arrives = member.attribute(graph, "arrives")
-    known = torch.stack([arrives[role][row] for role, row in rows]).all(dim=0)
+    known = _of_nodes(member, graph, "arrives").all(dim=0)
     return arrival(before, after, known, member.kernel.resolution)
+
+
+def _of_nodes(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tensor, "k m"]:
+    """One value per feature, such as whether it was followed, of each node of every instance."""
+    values = member.attribute(graph, name)
+    return torch.stack([values[role][row] for role, row in zip(member.kernel.roles, graph.instance_index, strict=True)])
 
 
 def fit_reward_scale(

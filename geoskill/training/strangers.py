@@ -58,7 +58,7 @@ def with_strangers(
 ) -> tuple[FeatureSet, Motion, Journey]:
     """A frame's features and strangers after them, which are not followed and do not arrive."""
     count = len(strangers)
-    weakest = features.strength.min(initial=np.inf) if len(features) else 0.0
+    weakest = features.strength[-1] if len(features) else 0.0
     joined = FeatureSet(
         features.node_type,
         np.concatenate([features.descriptors, strangers.descriptors]),

@@ -1,6 +1,6 @@
 """A demonstration as transitions: which there are, and that each graph moves to the right frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from geoskill.features.flow import follow_features
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.description import build
 from geoskill.training.demonstration import Demonstration, time_spans
+from geoskill.training.tracks import Progress
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -115,6 +116,17 @@ def test_the_moving_tile_moves_and_the_others_rest(demonstration: Demonstration)
     assert checked > 200
 
 
+def demonstration_of(
+    frames: Sequence[np.ndarray],
+    description: dict[str, Any],
+    gap: int = 2,
+    progress: Progress = lambda items, text: items,
+) -> Demonstration:
+    """Transitions over the gap alone, without strangers."""
+    parts = build(description)
+    return Demonstration(frames, parts.pipelines, parts.members, gap=gap, horizon=0.0, strangers=0, progress=progress)
+
+
 def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
     told = []
 
@@ -122,10 +134,7 @@ def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], descript
         told.append((text, len(items)))
         return items
 
-    parts = build(description)
-    Demonstration(
-        demonstration_frames[:4], parts.pipelines, parts.members, gap=2, horizon=0.0, strangers=0, progress=progress
-    )
+    demonstration_of(demonstration_frames[:4], description, progress=progress)
     assert told == [("extracting features", 4), ("following motion", 2)]
 
 
@@ -133,32 +142,14 @@ def test_frames_without_any_association_are_refused(training_of: Callable[..., T
     flat = [np.full((60, 80, 3), value, np.uint8) for value in (90, 100, 110, 120)]
     for name, types in (("p2p_sift", "point"), ("p2l_sift_lbd", "point and line")):
         description = training_of(name).description
-        parts = build(description)
         with pytest.raises(
             InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
         ):
-            Demonstration(
-                flat,
-                parts.pipelines,
-                parts.members,
-                gap=2,
-                horizon=0.0,
-                strangers=0,
-                progress=lambda items, text: items,
-            )
+            demonstration_of(flat, description)
 
 
 def test_a_gap_longer_than_the_demonstration_is_refused(
     demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
 ) -> None:
-    parts = build(description)
     with pytest.raises(InputError, match=r"has 5 frames; expected more than demonstration\.gap=5"):
-        Demonstration(
-            demonstration_frames[:5],
-            parts.pipelines,
-            parts.members,
-            gap=5,
-            horizon=0.0,
-            strangers=0,
-            progress=lambda items, text: items,
-        )
+        demonstration_of(demonstration_frames[:5], description, gap=5)
