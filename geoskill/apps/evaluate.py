@@ -22,11 +22,12 @@ def evaluate(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.apps.footage import simulated_footage, video_footage
+    from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
     from geoskill.apps.inputs import array_store, load_skill, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
-    from geoskill.apps.scoring import score
+    from geoskill.apps.scoring import score, score_viewpoint
+    from geoskill.evaluation.metrics import summarise_ensemble
 
     quiet_libraries()
     simulated = "task" in cfg and cfg.task is not None
@@ -40,10 +41,10 @@ def evaluate(cfg: DictConfig) -> None:
     if cfg.every < 1:
         raise InputError(f"every={cfg.every}: expected at least 1")
     skill = load_skill(cfg)
+    choices = HydraConfig.get().runtime.choices
     if simulated:
         seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
-        take = HydraConfig.get().runtime.choices["scenario"]
-        footage = simulated_footage(cfg.task, cfg.scenario, seed, take, array_store(cfg))
+        footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], array_store(cfg))
     else:
         video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
         footage = video_footage(OmegaConf.create(video), minimum=1)
@@ -54,6 +55,11 @@ def evaluate(cfg: DictConfig) -> None:
 
         baseline = track_hand_picked_pairs(footage.recording)
         figures |= {"baseline_success": baseline.success, "baseline_pairs": [baseline.kept, baseline.picked]}
+        demonstrated = demonstration_recording(skill.learned_from, cfg.task, choices["task"], array_store(cfg))
+        if demonstrated is not None:
+            for name, bound in score_viewpoint(skill, demonstrated, footage.recording).items():
+                figures["members"][name] |= bound
+            figures |= summarise_ensemble(figures["members"])
     folder = Path(HydraConfig.get().runtime.output_dir)
     with replacing(folder / "metrics.json") as file:
         json.dump(

@@ -1,13 +1,13 @@
 """The frames that a command works on, and their ground truth where there is one: a video, or a simulated recording."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps.inputs import open_recording
 from geoskill.apps.scoring import load_labels
@@ -123,6 +123,27 @@ def simulated_footage(
         recording = store.get_or_compute(key, render, pack, unpack)
     source = RecordingSource(recording, f"{scene.name}, {take}")
     return Footage(source, list(source), SimulatedLabels(recording, source.name), recording)
+
+
+def demonstration_recording(
+    learned_from: Mapping[str, Any], task: DictConfig, choice: str, store: ArrayStore | None
+) -> "Recording | None":
+    """The simulated demonstration that a skill learned from, or None if it did not learn this task in simulation.
+
+    Args:
+        learned_from: as the skill says it.
+        task: has the ``scene``.
+        choice: the task's name.
+        store: where recordings are kept.
+
+    Raises:
+        InputError: as :func:`simulated_footage`.
+    """
+    if learned_from.get("task") != choice or "scenario" not in learned_from:
+        return None
+    conditions = {"_target_": "geoskill.simulation.conditions.Conditions", **learned_from["scenario"]}
+    footage = simulated_footage(task, OmegaConf.create(conditions), learned_from["seed"], DEMONSTRATION, store)
+    return footage.recording
 
 
 def _renderer_identity() -> str:

@@ -2,15 +2,21 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
-from geoskill.evaluation.benchmark import evaluate_frames
+from geoskill.evaluation.benchmark import evaluate_frames, member_name
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions, load_regions
 from geoskill.features.frames import Frame
 from geoskill.skill.skill import Skill
+
+if TYPE_CHECKING:
+    from geoskill.simulation.recording import Recording
+
+# Frames of a demonstration, spread over it, in whose features is looked for what meets.
+VIEWPOINT_FRAMES = 12
 
 
 def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
@@ -43,3 +49,24 @@ def score(
         every=every,
         progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
     )
+
+
+def score_viewpoint(skill: Skill, demonstration: "Recording", recording: "Recording") -> dict[str, dict[str, Any]]:
+    """By member: how strict a skill could be in a recording that knew all that meets in its demonstration's picture."""
+    from geoskill.evaluation.viewpoint import attainable
+
+    frames = range(0, len(demonstration), len(demonstration) // VIEWPOINT_FRAMES or 1)
+    pictures = {frame: demonstration.picture(frame) for frame in frames}
+    found = {
+        name: {frame: pipeline.extract(picture) for frame, picture in pictures.items()}
+        for name, pipeline in skill.pipelines.items()
+    }
+    return {
+        member_name(member.kernel, member.descriptor): attainable(
+            member.kernel,
+            demonstration,
+            {frame: {kind: found[name][frame] for kind, name in member.extractors.items()} for frame in frames},
+            recording,
+        )
+        for member in skill.members.values()
+    }

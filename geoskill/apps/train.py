@@ -70,7 +70,9 @@ def train(cfg: DictConfig) -> None:
         plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
     )
     if simulated:  # the seed by which other recordings show the same things
-        description["learned_from"] = {"task": HydraConfig.get().runtime.choices["task"], "seed": cfg.seed}
+        choices = HydraConfig.get().runtime.choices
+        scenario = {key: value for key, value in plain["scenario"].items() if key != "_target_"}
+        description["learned_from"] = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario}
     stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
     if stored is not None:
         _check_same_skill(cfg, stored, description)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import final
 
 import torch
+from jaxtyping import Bool, Float64
+from torch import Tensor
 
 from geoskill.evaluation.labels import FrameLabels, Region
 from geoskill.features.feature_set import FeatureSet
@@ -47,6 +49,34 @@ def judge_at_goal(
     pixel_m = labels.goal_pixel_m
     if pixel_m is None or kernel.unit != "px":
         return None
+    errors_m, joins = errors_at_goal(kernel, features, labels, pixel_m)
+    feasible = bool((joins & (errors_m <= STRICT_M)).any())
+    own = []
+    for node in nodes:
+        moved = _at_goal(node, labels)
+        if moved is None:
+            return GoalVerdict(None, feasible)
+        own.append(torch.tensor([moved], dtype=torch.float64))
+    if not own:
+        return GoalVerdict(None, feasible)
+    return GoalVerdict(float(kernel.control_error(own).norm()) * pixel_m, feasible)
+
+
+def errors_at_goal(
+    kernel: Kernel, features: Mapping[NodeType, FeatureSet], labels: FrameLabels, pixel_m: float
+) -> tuple[Float64[Tensor, " m"], Bool[Tensor, " m"]]:
+    """Of every instance among a frame's features: the norm of its error at the goal, and whether it joins the things.
+
+    Args:
+        kernel: with an error in pixels.
+        features: of the kernel's node types.
+        labels: know the goal.
+        pixel_m: :attr:`FrameLabels.goal_pixel_m` of the labels.
+
+    Returns:
+        The errors in metres, which mean nothing where a node is on neither object nor target; and which instances have
+        all of their nodes on the two, and one on each.
+    """
     carried, sides = {}, {}
     for kind, found in features.items():
         rows, on = [], []
@@ -58,21 +88,10 @@ def judge_at_goal(
         carried[kind] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), kind.geometry_dim)
         sides[kind] = torch.tensor([(side is Region.OBJECT) - (side is Region.TARGET) for side in on])
     instances = kernel.instances({kind: len(found) for kind, found in features.items()})
-    errors = kernel.control_error(
-        [carried[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)]
-    ).norm(dim=1)
+    errors = kernel.control_error([carried[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)])
     joined = torch.stack([sides[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)])
     joins = (joined != 0).all(dim=0) & (joined == 1).any(dim=0) & (joined == -1).any(dim=0)
-    feasible = bool((joins & (errors * pixel_m <= STRICT_M)).any())
-    own = []
-    for node in nodes:
-        moved = _at_goal(node, labels)
-        if moved is None:
-            return GoalVerdict(None, feasible)
-        own.append(torch.tensor([moved], dtype=torch.float64))
-    if not own:
-        return GoalVerdict(None, feasible)
-    return GoalVerdict(float(kernel.control_error(own).norm()) * pixel_m, feasible)
+    return errors.norm(dim=1) * pixel_m, joins
 
 
 def _at_goal(node: Node, labels: FrameLabels) -> list[float] | None:

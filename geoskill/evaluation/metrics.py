@@ -26,6 +26,8 @@ _RATES = (
     "top1_accuracy",
     "strict_accuracy",
     "goal_error_mm",
+    "attainable_strict_accuracy",
+    "attainable_goal_error_mm",
     "hand_rate",
     "mean_confidence",
     "rsw",
@@ -183,7 +185,7 @@ def summarise_ensemble(members: Mapping[str, Mapping[str, Any]]) -> dict[str, An
     """
     figures: dict[str, Any] = dict(next(iter(members.values())))
     for key in _RATES:
-        figures[key] = _mean(member[key] for member in members.values() if member[key] is not None)
+        figures[key] = _mean(member[key] for member in members.values() if member.get(key) is not None)
     return {**figures, "members": {name: dict(member) for name, member in members.items()}}
 
 

@@ -22,10 +22,12 @@ class SimulatedFrame(FrameLabels):
     Args:
         recording: the recording.
         frame: which of its frames.
+        goal: the recording at whose goal :meth:`at_goal` looks, if not its own; it shows the same things.
     """
 
-    def __init__(self, recording: Recording, frame: int) -> None:
+    def __init__(self, recording: Recording, frame: int, goal: Recording | None = None) -> None:
         self._truth = FrameTruth(recording, frame)
+        self._goal = recording if goal is None else goal
         self._known: dict[tuple[object, ...], SurfacePoint | None] = {}  # the same features are asked about repeatedly
 
     def label(
@@ -39,13 +41,13 @@ class SimulatedFrame(FrameLabels):
         """See :meth:`FrameLabels.at_goal`."""
         points = [self._near(point, TOLERANCE_PX, (Region.OBJECT, Region.TARGET)) for point in coordinates]
         known = [point for point in points if point is not None]
-        places = iter(goal_pixels(self._truth.recording, known).tolist())
+        places = iter(goal_pixels(self._goal, known).tolist())
         return [None if point is None else tuple(next(places)) for point in points]
 
     @cached_property
     def goal_pixel_m(self) -> float:
         """See :attr:`FrameLabels.goal_pixel_m`."""
-        return goal_pixel_m(self._truth.recording)
+        return goal_pixel_m(self._goal)
 
     def _near(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
         """What the point's pixel shows if it is of a region, else the nearest such pixel within the tolerance."""

@@ -19,6 +19,8 @@ class FeatureExtractor(ABC):
 
     node_type: ClassVar[NodeType]
     descriptor_dim: ClassVar[int]
+    has_arms: ClassVar[bool] = False
+    """Whether its features say how far and in which direction they look (:attr:`FeatureSet.arms`)."""
 
     @abstractmethod
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:

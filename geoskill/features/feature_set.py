@@ -20,6 +20,9 @@ class FeatureSet:
         descriptors: ``[n, D]``, each row of unit L2 norm.
         geometry: ``[n, 2]`` points or ``[n, 4]`` segments, in pixels (see :mod:`geoskill.geometry.primitives`).
         strength: ``[n]``, the detector's response, not increasing. Comparable within one frame only.
+        arms: ``[n, 2]``, from the middle of each feature, in the direction that its descriptor takes for its own, to
+            the edge of what that describes, in pixels; or None where the extractor does not say. Pipelines need it
+            for colours, and leave it out of what they return.
 
     Raises:
         ValueError: when the arrays disagree in length, a row has the wrong width, or a number is not finite.
@@ -29,11 +32,14 @@ class FeatureSet:
     descriptors: Float32[np.ndarray, "n d"]
     geometry: Float32[np.ndarray, "n g"]
     strength: Float32[np.ndarray, " n"]
+    arms: Float32[np.ndarray, "n 2"] | None = None
 
     def __post_init__(self) -> None:
         lengths = (len(self.descriptors), len(self.geometry), len(self.strength))
         if len(set(lengths)) != 1:
             raise ValueError(f"descriptors, geometry and strength have {lengths} rows; expected the same number")
+        if self.arms is not None and self.arms.shape != (len(self.strength), 2):
+            raise ValueError(f"arms have shape {self.arms.shape}; expected [{len(self.strength)}, 2]")
         expected = self.node_type.geometry_dim
         if self.geometry.ndim != 2 or self.geometry.shape[1] != expected:
             raise ValueError(f"geometry has shape {self.geometry.shape}; expected [n, {expected}] for {self.node_type}")
@@ -48,7 +54,8 @@ class FeatureSet:
 
     def take(self, rows: slice | Sequence[int] | Int[np.ndarray, " r"]) -> "FeatureSet":
         """The features of these rows, in this order."""
-        return FeatureSet(self.node_type, self.descriptors[rows], self.geometry[rows], self.strength[rows])
+        arms = None if self.arms is None else self.arms[rows]
+        return FeatureSet(self.node_type, self.descriptors[rows], self.geometry[rows], self.strength[rows], arms)
 
     @classmethod
     def empty(cls, node_type: NodeType, descriptor_dim: int) -> "FeatureSet":
@@ -58,4 +65,5 @@ class FeatureSet:
             np.zeros((0, descriptor_dim), np.float32),
             np.zeros((0, node_type.geometry_dim), np.float32),
             np.zeros(0, np.float32),
+            np.zeros((0, 2), np.float32),
         )

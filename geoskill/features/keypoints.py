@@ -36,11 +36,22 @@ def distinct_keypoints(keypoints: Iterable[cv2.KeyPoint], limit: int | None = No
     return distinct
 
 
-def keypoint_features(keypoints: Sequence[cv2.KeyPoint], descriptors: Float32[np.ndarray, "n d"]) -> FeatureSet:
-    """A feature set of described keypoints in the order they have."""
+def keypoint_features(
+    keypoints: Sequence[cv2.KeyPoint], descriptors: Float32[np.ndarray, "n d"], reach: float
+) -> FeatureSet:
+    """A feature set of described keypoints in the order they have.
+
+    Args:
+        keypoints: with their diameters and directions.
+        descriptors: theirs.
+        reach: how far from the keypoint its descriptor looks, in diameters.
+    """
+    angles = np.radians(np.array([k.angle for k in keypoints], np.float32))  # from x towards y, which is down
+    lengths = reach * np.array([k.size for k in keypoints], np.float32)
     return FeatureSet(
         NodeType.POINT,
         np.ascontiguousarray(descriptors, np.float32),
         np.array([k.pt for k in keypoints], np.float32).reshape(-1, 2),
         np.array([k.response for k in keypoints], np.float32),
+        (lengths * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float32),
     )

@@ -11,6 +11,9 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.geometry.primitives import NodeType
 
+# A keypoint's diameter is that of the disk whose pixels are compared.
+REACH = 0.5
+
 
 @final
 class Orb(FeatureExtractor):
@@ -25,6 +28,7 @@ class Orb(FeatureExtractor):
 
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 256
+    has_arms: ClassVar[bool] = True
 
     def __init__(self, candidates: int = 2000, fast_threshold: int = 10) -> None:
         self.candidates = candidates
@@ -44,7 +48,8 @@ class Orb(FeatureExtractor):
         placed = [_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(found)]
         keypoints = distinct_keypoints(placed, limit)
         bits = np.unpackbits(np.asarray(packed, np.uint8)[[k.class_id for k in keypoints]], axis=1)
-        return keypoint_features(keypoints, (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1])))
+        descriptors = (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1]))
+        return keypoint_features(keypoints, descriptors, REACH)
 
 
 def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, int], scale_factor: float) -> cv2.KeyPoint:

@@ -11,6 +11,9 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.geometry.primitives import NodeType
 
+# OpenCV describes four by four cells, each one and a half diameters wide.
+REACH = 3.0
+
 
 @final
 class Sift(FeatureExtractor):
@@ -24,6 +27,7 @@ class Sift(FeatureExtractor):
 
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 128
+    has_arms: ClassVar[bool] = True
 
     def __init__(self, contrast_threshold: float = 0.01, root: bool = False) -> None:
         self.contrast_threshold = contrast_threshold
@@ -45,7 +49,7 @@ class Sift(FeatureExtractor):
         if self.root:
             descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
         norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
-        return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12))
+        return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12), REACH)
 
 
 def _octave(keypoint: cv2.KeyPoint) -> int:

@@ -6,9 +6,9 @@
     extractors: {sift: {_target_: geoskill.features.sift.Sift, ...}}
     members:    {p2p_sift: {kernel: {_target_: ...}, extractors: {point: sift}}}
     model:      {_target_: ..., _partial_: true, ...}
-    features:   {max_features: 60, min_side: 480}
+    features:   {max_features: 60, min_side: 480, colour: 8.0}
     alternatives: 10
-    learned_from: {task: sorting, seed: 0}  # of a simulated demonstration; else it is not there
+    learned_from: {task: sorting, seed: 0, scenario: {actor: human, ...}}  # if simulated; else it is not there
 """
 
 import zlib
@@ -54,7 +54,7 @@ def describe(
 ) -> dict[str, Any]:
     """The description of a skill with one member for every kernel and every descriptor that fits its nodes.
 
-    All arguments hold plain values as in the configuration; ``features`` has ``max_features`` and ``min_side``.
+    All arguments hold plain values as in the configuration; ``features`` is what a pipeline is given.
 
     Raises:
         InputError: when a kernel has a node type that no descriptor describes, or ``alternatives`` is below 1.
@@ -108,7 +108,7 @@ def build(description: Mapping[str, Any], cache: FeatureCache | None = None, see
     for name, settings in description["members"].items():
         kernel = _kernel(settings["kernel"])
         extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
-        dims = {kind: pipelines[extractor].extractor.descriptor_dim for kind, extractor in extractors.items()}
+        dims = {kind: pipelines[extractor].descriptor_dim for kind, extractor in extractors.items()}
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
             scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))

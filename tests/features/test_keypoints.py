@@ -56,15 +56,17 @@ def test_the_order_in_which_threads_deliver_does_not_matter() -> None:
 def test_keypoints_become_a_feature_set() -> None:
     descriptors = np.array([[0.6, 0.8], [1.0, 0.0]], np.float32).T.copy().T
     assert not descriptors.flags.c_contiguous
-    features = keypoint_features([keypoint(1.5, 2.25, 0.5), keypoint(7, 8, 0.25)], descriptors)
+    features = keypoint_features([keypoint(1.5, 2.25, 0.5), keypoint(7, 8, 0.25, angle=90.0)], descriptors, 3.0)
     assert features.node_type is NodeType.POINT
     assert features.geometry.tolist() == [[1.5, 2.25], [7.0, 8.0]]
     assert features.strength.tolist() == [0.5, 0.25]
     np.testing.assert_array_equal(features.descriptors, descriptors)
     assert features.descriptors.flags.c_contiguous
+    assert features.arms is not None
+    np.testing.assert_allclose(features.arms, [[15, 0], [0, 15]], atol=1e-5)  # three diameters; 90 degrees is down
     assert {a.dtype for a in (features.descriptors, features.geometry, features.strength)} == {np.dtype(np.float32)}
 
 
 def test_no_keypoint_becomes_an_empty_feature_set() -> None:
     assert distinct_keypoints([]) == []
-    assert keypoint_features([], np.zeros((0, 32), np.float32)).geometry.shape == (0, 2)
+    assert keypoint_features([], np.zeros((0, 32), np.float32), 3.0).geometry.shape == (0, 2)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
+from geoskill.features.colour import COLOUR_DIM, colours_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.lbd import Lbd
@@ -154,8 +155,8 @@ def test_a_black_frame_has_no_feature(extractor: FeatureExtractor) -> None:
 
 
 def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    def identity(extractor: FeatureExtractor, max_features: int = 60, min_side: int = 480) -> str:
-        return FeaturePipeline(extractor, max_features=max_features, min_side=min_side).identity
+    def identity(extractor: FeatureExtractor, max_features: int = 60, min_side: int = 480, colour: float = 0.0) -> str:
+        return FeaturePipeline(extractor, max_features=max_features, min_side=min_side, colour=colour).identity
 
     before = identity(Sift())
     assert before == identity(Sift())
@@ -168,6 +169,8 @@ def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypat
         identity(Sift(), max_features=61),
         identity(Sift(), min_side=0),
         identity(Sift(), max_features=6, min_side=0),
+        identity(Sift(), colour=1.0),
+        identity(Sift(), colour=2.0),
     ]
     monkeypatch.setattr(cv2, "__version__", "99.0.0")
     others.append(identity(Sift()))
@@ -200,3 +203,44 @@ def test_a_negative_side_is_refused() -> None:
         InputError, match=r"^features\.min_side=-1: expected 0 \(never enlarge\) or a number of pixels$"
     ):
         FeaturePipeline(Sift(), max_features=2, min_side=-1)
+
+
+def test_colours_stand_beside_the_descriptor() -> None:
+    picture = np.random.default_rng(5).integers(0, 255, (12, 16, 3), np.uint8)
+    picture = cv2.resize(picture, (160, 120), interpolation=cv2.INTER_CUBIC)
+    grey = FeaturePipeline(Sift(), max_features=20, min_side=0)
+    coloured = FeaturePipeline(Sift(), max_features=20, min_side=0, colour=2.0)
+    assert (grey.descriptor_dim, coloured.descriptor_dim) == (128, 128 + COLOUR_DIM)
+    plain, found = grey.extract(picture), coloured.extract(picture)
+    np.testing.assert_array_equal(found.geometry, plain.geometry)
+    np.testing.assert_allclose(np.linalg.norm(found.descriptors, axis=1), 1, atol=1e-5)
+    # Both parts in the ratio that the weight sets.
+    detected = Sift().extract(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), 20)
+    assert detected.arms is not None
+    colours = colours_around(picture, detected.geometry, detected.arms)
+    scale = np.linalg.norm(found.descriptors[:, :128], axis=1, keepdims=True)
+    np.testing.assert_allclose(found.descriptors[:, :128] / scale, plain.descriptors, atol=1e-5)
+    np.testing.assert_allclose(found.descriptors[:, 128:] / scale, 2 * colours, atol=1e-5)
+
+
+def test_colours_are_those_of_the_frame_however_it_was_enlarged() -> None:
+    picture = np.full((60, 60, 3), (150, 40, 40), np.uint8)
+    cv2.circle(picture, (30, 30), 8, (40, 40, 150), -1)
+    for min_side in (0, 240):
+        found = FeaturePipeline(Sift(), max_features=2, min_side=min_side, colour=1.0).extract(picture)
+        row = int(np.argmin(np.linalg.norm(found.geometry - 30, axis=1)))
+        middle, *around = found.descriptors[row, 128:].reshape(5, 2)
+        assert middle[1] < 0 < min(place[1] for place in around)  # blue inside, red outside
+
+
+def test_lines_have_no_colours_and_neither_has_what_is_not_there() -> None:
+    frame = np.zeros((100, 90, 3), np.uint8)
+    lines = FeaturePipeline(Lbd(), max_features=5, min_side=0, colour=3.0)
+    assert lines.extract(frame).descriptors.shape == (0, lines.descriptor_dim) == (0, Lbd.descriptor_dim)
+    points = FeaturePipeline(Orb(), max_features=5, min_side=0, colour=3.0)
+    assert points.extract(frame).descriptors.shape == (0, points.descriptor_dim) == (0, 256 + COLOUR_DIM)
+
+
+def test_a_negative_weight_of_colour_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^features\.colour=-1: expected 0 \(none\) or more$"):
+        FeaturePipeline(Sift(), max_features=2, min_side=0, colour=-1)

@@ -1,0 +1,68 @@
+"""The colours around a feature, to stand beside a descriptor that only knows grey.
+
+Descriptors of gradients cannot tell a printed disk from a screw, or one printed card from the next of another colour;
+people tell them by their colour, and name them by it. Colour descriptors that are put beside those of gradients are an
+old idea ("Evaluating color descriptors for object and scene recognition", van de Sande et al., PAMI 2010); these are
+few, since a demonstration is one.
+
+A place is described by two opponent colours over the light there, which shade and exposure leave as they are::
+
+    red against green    (R - G) / (sqrt(2) L)
+    yellow against blue  (R + G - 2 B) / (sqrt(6) L)        L = R + G + B + floor
+
+Five places: the middle of the feature, and four around it in the feature's own directions, so that the colours turn and
+grow with it.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+PLACES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]], np.float32)
+COLOUR_DIM = 2 * len(PLACES)
+# The places around lie half as far out as the descriptor looks; each is a mean over about a third of that.
+PLACE_SHARE, MEAN_SHARE = 1 / 2, 1 / 6
+# Of the picture's mean light, added to that of a place: in the dark the noise of the sensor would pass for colour.
+FLOOR_SHARE = 0.15
+
+
+def colours_around(
+    picture: UInt8[np.ndarray, "height width 3"], middles: Float32[np.ndarray, "n 2"], arms: Float32[np.ndarray, "n 2"]
+) -> Float32[np.ndarray, "n 10"]:
+    """The opponent colours of the five places of every feature, each in about [-1, 1] and 0 for grey.
+
+    Args:
+        picture: RGB.
+        middles: of the features, in pixels.
+        arms: from there to the edge of what the descriptor describes, in the direction that it takes for its own.
+    """
+    colours = np.zeros((len(middles), COLOUR_DIM), np.float32)
+    if len(middles) == 0:
+        return colours
+    across = np.stack([-arms[:, 1], arms[:, 0]], axis=1)
+    around = PLACES[:, :1, None] * arms.T + PLACES[:, 1:, None] * across.T
+    places = middles[:, None] + PLACE_SHARE * around.transpose(2, 0, 1)
+    # A level of the pyramid has pixels of the size over which is averaged.
+    size_px = np.maximum(MEAN_SHARE * np.linalg.norm(arms, axis=1), 1.0)
+    level_of = np.log2(size_px).round().astype(np.int64)
+    level = _opponent(picture)
+    for number in range(int(level_of.max()) + 1):
+        rows = np.flatnonzero(level_of == number)
+        # A pixel of one level lies where every second one of the level below does.
+        found = np.ascontiguousarray(places[rows].reshape(1, -1, 2) / 2**number, np.float32)
+        if len(rows):
+            values = cv2.remap(level, found, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+            colours[rows] = values.reshape(len(rows), COLOUR_DIM)
+        if min(level.shape[:2]) > 2:
+            level = np.asarray(cv2.pyrDown(level), np.float32)
+        else:
+            places = places * 2  # too small to be halved: the coarser levels are this one
+    return colours
+
+
+def _opponent(picture: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "height width 2"]:
+    red, green, blue = np.moveaxis(picture.astype(np.float32), 2, 0)
+    light = red + green + blue
+    light = light + np.float32(max(FLOOR_SHARE * float(light.mean()), 1.0))
+    first, second = (red - green) / (np.sqrt(2) * light), (red + green - 2 * blue) / (np.sqrt(6) * light)
+    return np.stack([first, second], axis=2).astype(np.float32)
