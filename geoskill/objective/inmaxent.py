@@ -7,6 +7,7 @@ and "The reward is the weak spot, and how to mend it". The goal term is ours (:m
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final, get_args
 
@@ -42,11 +43,9 @@ class ObjectiveSettings:
         second_samples: s2 of the estimate, for the gradient.
         beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
         goal_weight: weight of the goal term; 0 leaves it out, as the paper does.
-        goal_temperature: how much less than the best arrival still counts
+        goal_temperatures: how much less than the best arrival still counts
             (:func:`~geoskill.objective.goal.goal_divergence`).
-        goal_softening: what scores are divided by before the goal term looks at them: the scores learn more than which
-            instance is the best, and the select-out is still decided ("Distilling the Knowledge in a Neural Network",
-            Hinton et al., 2015).
+        goal_scale: what an instance's score should be ahead of another's, over what its arrival is.
 
     Raises:
         InputError: a value is outside its range; the message names the key.
@@ -63,8 +62,8 @@ class ObjectiveSettings:
     second_samples: int = 1000
     beta_scale: float = 1.5
     goal_weight: float = 1.0
-    goal_temperature: float = 0.05
-    goal_softening: float = 10.0
+    goal_temperatures: Sequence[float] = (0.05, 0.15, 0.45)
+    goal_scale: float = 200.0
 
     def __post_init__(self) -> None:
         lowest, highest = SIGMA0_RANGE
@@ -73,9 +72,12 @@ class ObjectiveSettings:
         for key in ("rsw_weight", "goal_weight"):
             value = getattr(self, key)
             self._require(key, _is_number(value) and value >= 0, "a number that is not negative")
-        for key in ("beta_scale", "goal_temperature", "goal_softening"):
+        for key in ("beta_scale", "goal_scale"):
             value = getattr(self, key)
             self._require(key, _is_number(value) and value > 0, "a positive number")
+        temperatures = list(self.goal_temperatures)
+        fit = len(temperatures) > 0 and all(_is_number(value) and value > 0 for value in temperatures)
+        self._require("goal_temperatures", fit, "a list of positive numbers such as [0.05,0.15]")
         for key in ("alternatives", "first_samples", "second_samples"):
             value = getattr(self, key)
             is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
@@ -107,7 +109,7 @@ class FrameSelection:
         num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
         arrivals: ``[m]``, what each instance earns for having come together by the end of the demonstration
             (:func:`~geoskill.objective.goal.arrival`); only the goal term needs it.
-        softened: ``[m]``, the select-out of scores divided by ``goal_softening``; only the goal term needs it.
+        scores: ``[m]``, b; only the goal term needs it.
 
     Raises:
         ValueError: the tensors disagree in length, or there is no frame.
@@ -119,13 +121,13 @@ class FrameSelection:
     batch: Int[Tensor, " m"]
     num_frames: int
     arrivals: Float[Tensor, " m"] | None = None
-    softened: Float[Tensor, " m"] | None = None
+    scores: Float[Tensor, " m"] | None = None
 
     def __post_init__(self) -> None:
         lengths = (len(self.select_out), len(self.errors), len(self.change), len(self.batch))
         if len(set(lengths)) != 1:
             raise ValueError(f"select_out, errors, change and batch have {lengths} rows; expected the same number")
-        for name in ("arrivals", "softened"):
+        for name in ("arrivals", "scores"):
             values = getattr(self, name)
             if values is not None and len(values) != len(self.batch):
                 raise ValueError(f"{name} has {len(values)} rows for {len(self.batch)} instances; expected as many")
@@ -216,11 +218,18 @@ def transition_objective(
 def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, " frames"]:
     if settings.goal_weight == 0:
         return frames.select_out.new_zeros(frames.num_frames)
-    if frames.arrivals is None or frames.softened is None:
+    if frames.arrivals is None or frames.scores is None:
         raise ValueError(
-            f"a selection without arrivals or softened; expected both for objective.goal_weight={settings.goal_weight}"
+            f"a selection without arrivals or scores; expected both for objective.goal_weight={settings.goal_weight}"
         )
-    return goal_divergence(frames.softened, frames.arrivals, settings.goal_temperature, frames.batch, frames.num_frames)
+    return goal_divergence(
+        frames.scores,
+        frames.arrivals,
+        settings.goal_temperatures,
+        settings.goal_scale,
+        frames.batch,
+        frames.num_frames,
+    )
 
 
 def _log_partition(

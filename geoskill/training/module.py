@@ -110,8 +110,7 @@ class SkillTraining(LightningModule):
         change = error_changes(member, graph, self.objective.change)
         goal: dict[str, Tensor] = {}
         if self.objective.goal_weight > 0:
-            softened = select_out(scores / self.objective.goal_softening, batch, num_frames)
-            goal = {"arrivals": arrivals(member, graph), "softened": softened}
+            goal = {"arrivals": arrivals(member, graph), "scores": scores}
         return FrameSelection(
             select_out(scores, batch, num_frames),
             member.control_errors(graph),
