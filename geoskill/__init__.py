@@ -4,8 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from geoskill.skill.skill import Skill
+    from geoskill.skill.steady import SteadySkill
 
-__all__ = ["Skill"]
+__all__ = ["Skill", "SteadySkill"]
 
 
 def __getattr__(name: str) -> Any:
@@ -14,4 +15,8 @@ def __getattr__(name: str) -> Any:
         from geoskill.skill.skill import Skill
 
         return Skill
+    if name == "SteadySkill":
+        from geoskill.skill.steady import SteadySkill
+
+        return SteadySkill
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
+import jaxtyping
 import numpy as np
 import pytest
 import yaml
@@ -61,6 +62,12 @@ def demonstration_folder(
     for number, frame in enumerate(demonstration_frames):
         cv2.imwrite(str(folder / f"{number:03d}.png"), frame[:, :, ::-1])
     return folder
+
+
+@pytest.fixture
+def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a user can pass by mistake must reach our own check also when the tests check annotations."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @pytest.fixture(scope="session")

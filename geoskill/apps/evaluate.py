@@ -49,7 +49,7 @@ def evaluate(cfg: DictConfig) -> None:
         video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
         footage = video_footage(OmegaConf.create(video), minimum=1)
     assert footage.labels is not None
-    figures, rows = score(skill, footage.frames, footage.labels, cfg.every)
+    figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference.temporal)
     if footage.recording is not None:
         from geoskill.evaluation.baseline import track_hand_picked_pairs
 

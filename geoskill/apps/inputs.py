@@ -1,8 +1,11 @@
 """Reading what several commands are given."""
 
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import torch
+from jaxtyping import UInt8
 from omegaconf import DictConfig
 
 from geoskill.array_store import ArrayStore
@@ -11,7 +14,11 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.camera import Camera
 from geoskill.features.frames import FrameSource
 from geoskill.features.sources import open_frames
+from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
+from geoskill.skill.steady import SteadySkill
+
+Infer = Callable[[UInt8[np.ndarray, "height width 3"]], InferenceResult]
 
 
 def required(cfg: DictConfig, key: str, expected: str) -> Any:
@@ -55,3 +62,27 @@ def load_skill(cfg: DictConfig) -> Skill:
 def array_store(cfg: DictConfig) -> ArrayStore | None:
     """Where features and recordings are kept between runs, if they are."""
     return ArrayStore(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
+
+
+def require_temporal(temporal: str) -> None:
+    """Refuse what is no way to select over time.
+
+    Raises:
+        InputError: when it is neither ``none`` nor ``filter``.
+    """
+    if temporal not in ("none", "filter"):
+        raise InputError(f"inference.temporal={temporal}: expected none or filter")
+
+
+def selection(skill: Skill, temporal: str) -> Infer:
+    """What selects associations in the frames of one video, in the order of time.
+
+    Args:
+        skill: scores them.
+        temporal: ``none`` for each frame by itself, ``filter`` to keep what was selected (:class:`SteadySkill`).
+
+    Raises:
+        InputError: when it is something else.
+    """
+    require_temporal(temporal)
+    return skill.infer if temporal == "none" else SteadySkill(skill).infer

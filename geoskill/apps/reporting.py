@@ -10,6 +10,7 @@ from typing import Any, TextIO
 import numpy as np
 import yaml
 
+from geoskill.apps.inputs import Infer
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.features.camera import Camera
@@ -24,6 +25,7 @@ from geoskill.viz.video_writer import VideoWriter
 
 def write_inference(
     skill: Skill,
+    infer: Infer,
     frames: Iterable[Frame],
     source: FrameSource,
     folder: Path,
@@ -36,7 +38,8 @@ def write_inference(
     up to there is written first, unless ``folder`` holds earlier results: those stay.
 
     Args:
-        skill: selects the associations.
+        skill: has the members.
+        infer: selects the associations.
         frames: one after the other; may be endless.
         source: gives the name and the frame rate.
         folder: an existing folder.
@@ -58,7 +61,7 @@ def write_inference(
     ):
         try:
             for frame in show_progress(frames, "selecting associations"):
-                result = skill.infer(frame.image)
+                result = infer(frame.image)
                 for line in association_lines(frame, result):
                     lines.write(json.dumps(line) + "\n")
                 video.write(

@@ -46,7 +46,7 @@ def train(cfg: DictConfig) -> None:
     import torch
 
     from geoskill.apps.footage import DEMONSTRATION, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store
+    from geoskill.apps.inputs import array_store, require_temporal, selection
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
     from geoskill.apps.scoring import score
@@ -62,6 +62,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.viz.curves import plot_training
 
     quiet_libraries()
+    require_temporal(cfg.inference.temporal)
     if cfg.threads is not None:
         torch.set_num_threads(cfg.threads)
     folder = Path(HydraConfig.get().runtime.output_dir)
@@ -137,11 +138,12 @@ def train(cfg: DictConfig) -> None:
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     if footage.labels is not None:
-        figures, _ = score(skill, frames, footage.labels, cfg.task.every)
+        figures, _ = score(skill, frames, footage.labels, cfg.task.every, cfg.inference.temporal)
         figures["judged_frames"] = figures["frames"]
         # Figures of training and of all frames keep their meaning, labelled or not.
         metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
-    summary = write_inference(skill, frames, source, folder, cfg.inference.minimum_confidence, metrics)
+    infer = selection(skill, cfg.inference.temporal)
+    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_confidence, metrics)
     _log_results(trainer, folder, summary)
     print(folder)
 

@@ -34,6 +34,7 @@ def evaluate_frames(
     regions: Labels,
     members: Sequence[tuple[Kernel, str]],
     every: int = 1,
+    continuous: bool = False,
     progress: Progress = silent,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Judges a skill's top associations on labelled frames; no more than two frames are in memory at a time.
@@ -45,6 +46,7 @@ def evaluate_frames(
         members: kernel and descriptor of each member of the ensemble, as they stand in its associations.
         every: judge frames 0, every, 2 * every, ... only. A transition is then from one judged frame to the next, and
             nodes are followed through the frames in between.
+        continuous: whether ``infer`` has to be shown the frames in between as well, since it remembers.
         progress: shows progress over the frames.
 
     Returns:
@@ -75,9 +77,11 @@ def evaluate_frames(
             continue
         for counter in counters.values():
             counter.advance(frame.image)
-        if frame.index % every:
+        judged = frame.index % every == 0
+        if judged or continuous:
+            result = infer(frame.image)
+        if not judged:
             continue
-        result = infer(frame.image)
         for name, (kernel, descriptor) in zip(names, members, strict=True):
             verdict = judge_frame(frame.index, result, truth, kernel, descriptor)
             switched = counters[name].judge(top_association(result, kernel, descriptor))

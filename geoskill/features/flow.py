@@ -1,4 +1,4 @@
-"""Following features from one frame to another by optical flow; for training and for scoring, never to infer.
+"""Following features from one frame to another by optical flow; for training and for scoring, never to select.
 
 The flow is dense (DIS, Kroeger et al., ECCV 2016): its cost does not grow with the number of features, and measured on
 the real demonstration it serves as well as a sparse tracker of Lucas and Kanade's kind. A feature counts as followed
@@ -94,11 +94,57 @@ def follow_along(
     if node_type is NodeType.POINT:
         moved, followed = _follow_points(geometry, flow, tolerance_px)
         return np.where(followed[:, None], moved, geometry), followed
-    ends = geometry.reshape(-1, 2, 2)
-    share = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT, dtype=np.float32)[None, :, None]
-    samples = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
+    ends, samples = _samples_of(geometry)
     moved, followed = _follow_points(samples.reshape(-1, 2), flow, tolerance_px)
     return _refit_segments(ends, samples, moved.reshape(samples.shape), followed.reshape(samples.shape[:2]))
+
+
+def follow_few(
+    node_type: NodeType,
+    geometry: Float32[np.ndarray, "n g"],
+    start: UInt8[np.ndarray, "height width"],
+    end: UInt8[np.ndarray, "height width"],
+    *,
+    tolerance_px: float = TOLERANCE_PX,
+) -> tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]:
+    """:func:`follow_along`, between two grey frames and for so few features that dense flow is not worth its time.
+
+    The flow is that of Lucas and Kanade on a pyramid, at the features' own points. What something of texture moves past
+    may be taken along by it. Frames smaller than :data:`SMALLEST_SIDE` are not followed through.
+    """
+    if len(geometry) == 0 or min(start.shape) < SMALLEST_SIDE:
+        return geometry.copy(), np.zeros(len(geometry), bool)
+    if node_type is NodeType.POINT:
+        moved, followed = _track_points(geometry, start, end, tolerance_px)
+        return np.where(followed[:, None], moved, geometry), followed
+    ends, samples = _samples_of(geometry)
+    moved, followed = _track_points(samples.reshape(-1, 2), start, end, tolerance_px)
+    return _refit_segments(ends, samples, moved.reshape(samples.shape), followed.reshape(samples.shape[:2]))
+
+
+def _track_points(
+    points: Float32[np.ndarray, "n 2"],
+    start: UInt8[np.ndarray, "height width"],
+    end: UInt8[np.ndarray, "height width"],
+    tolerance_px: float,
+) -> tuple[Float32[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    source = np.ascontiguousarray(points, np.float32)[:, None]
+    track = cv2.calcOpticalFlowPyrLK
+    moved, there, _ = (np.asarray(each) for each in track(start, end, source, None))  # type: ignore[call-overload]
+    returned, back, _ = (np.asarray(each) for each in track(end, start, moved, None))  # type: ignore[call-overload]
+    height, width = start.shape
+    inside = (moved[:, 0] >= -0.5).all(axis=1) & (moved[:, 0] <= (width - 0.5, height - 0.5)).all(axis=1)
+    close = np.linalg.norm((returned - source)[:, 0], axis=1) <= tolerance_px
+    return np.asarray(moved[:, 0], np.float32), inside & close & (there[:, 0] > 0) & (back[:, 0] > 0)
+
+
+def _samples_of(
+    segments: Float32[np.ndarray, "n 4"],
+) -> tuple[Float32[np.ndarray, "n 2 2"], Float32[np.ndarray, "n s 2"]]:
+    """The end points of segments, and points spread from one to the other."""
+    ends = segments.reshape(-1, 2, 2)
+    share = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT, dtype=np.float32)[None, :, None]
+    return ends, ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
 
 
 def _follow_points(

@@ -1,10 +1,11 @@
 """What a skill says about one frame: the associations it selected and their control errors."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
+from jaxtyping import Bool, Float32
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
@@ -45,6 +46,28 @@ class Node:
         return {"type": str(self.node_type), "xy": xy}
 
 
+Follow = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]
+"""Where features of a type lie in another frame, and which of them could be followed."""
+
+
+def follow_nodes(nodes: Sequence[Node], follow: Follow) -> tuple[Node, ...] | None:
+    """Nodes where they lie in another frame, or None when one of them could not be followed there.
+
+    They are no detected features there. A line's place along itself is uncertain
+    (:func:`geoskill.features.flow.follow_along`).
+    """
+    moved = list(nodes)
+    for node_type in dict.fromkeys(node.node_type for node in nodes):
+        places = [place for place, node in enumerate(nodes) if node.node_type is node_type]
+        geometry = np.array([nodes[place].coordinates for place in places], np.float32)
+        geometry, followed = follow(node_type, geometry)
+        if not followed.all():
+            return None
+        for place, row in zip(places, geometry.tolist(), strict=True):
+            moved[place] = Node(node_type, tuple(row))
+    return tuple(moved)
+
+
 @final
 @dataclass(frozen=True)
 class Association:
@@ -53,7 +76,8 @@ class Association:
     Attributes:
         kernel: the kernel's name, such as ``p2p``.
         descriptor: the extractors of its nodes, such as ``sift`` or ``sift+lbd``.
-        rank: 1 for the instance with the largest select-out of its kernel.
+        rank: 1 for the instance with the largest select-out of its kernel, or for the one that is kept from the frame
+            before (:class:`geoskill.skill.steady.SteadySkill`).
         confidence: the select-out g in [0, 1].
         nodes: the features it joins.
         error: the kernel's control error (see the kernel for sign and dimension).

@@ -1,22 +1,21 @@
 """A learned skill: load it, and ask it which features of a frame belong together."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
-from torch import Tensor
+from jaxtyping import UInt8
 
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
-from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
-from geoskill.graphs.motif_graph import gather_nodes, motif_graph
+from geoskill.graphs.motif_graph import motif_graph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.skill.association import Association, InferenceResult, Node
+from geoskill.skill.association import InferenceResult
 from geoskill.skill.description import SkillParts, build
+from geoskill.skill.observation import Observation, ScoredInstances
 
 
 @final
@@ -71,9 +70,20 @@ class Skill:
             raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
         return cls(parts)
 
-    @torch.no_grad()
     def infer(self, frame: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
         """The associations that define the task in one RGB frame, whatever frames came before.
+
+        Raises:
+            InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
+        """
+        observation = self.observe(frame)
+        return observation.result(
+            {name: scored.associations(scored.best(self.alternatives)) for name, scored in observation.members.items()}
+        )
+
+    @torch.no_grad()
+    def observe(self, frame: UInt8[np.ndarray, "height width 3"]) -> Observation:
+        """The scores of all instances in one RGB frame.
 
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
@@ -81,43 +91,13 @@ class Skill:
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
             raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
         features = {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
-        associations: list[Association] = []
-        errors = [np.zeros(0)]
-        reasons = {}
-        for member in self.members.values():
-            selected = list(self._select(member, features))
-            associations.extend(selected)
-            if selected:
-                errors.append(np.array(selected[0].error))
-            else:
-                found = ", ".join(f"{len(features[name])} {kind}s" for kind, name in member.extractors.items())
-                reasons[member.kernel.name, member.descriptor] = f"no instance: {found} found"
-        return InferenceResult(tuple(associations), np.concatenate(errors), features, reasons)
-
-    def _select(self, member: KernelModel, features: Mapping[str, FeatureSet]) -> Iterator[Association]:
-        graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
-        count = graph.instance_index.shape[1]
-        if count == 0:
-            return
-        graph = graph.to(next(member.parameters()).device)
-        confidence = torch.softmax(member(graph), dim=0)
-        top = torch.topk(confidence, min(self.alternatives, count)).indices
-        instances = member.moving_first(graph, graph.instance_index[:, top])
-        nodes = gather_nodes(member.kernel, member.attribute(graph, "geometry"), instances)
-        errors: Float[Tensor, "p d"] = member.kernel.control_error(nodes)
-        for rank, (index, rows, error) in enumerate(zip(top, instances.T, errors, strict=True), start=1):
-            yield Association(
-                kernel=member.kernel.name,
-                descriptor=member.descriptor,
-                rank=rank,
-                confidence=float(confidence[index]),
-                nodes=tuple(
-                    Node(role, tuple(geometry[rank - 1].tolist()), int(feature))
-                    for role, geometry, feature in zip(member.kernel.roles, nodes, rows, strict=True)
-                ),
-                error=tuple(error.tolist()),
-                unit=member.kernel.unit,
-            )
+        members = {}
+        for name, member in self.members.items():
+            graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
+            graph = graph.to(next(member.parameters()).device)
+            scores = member(graph) if graph.instance_index.shape[1] else torch.zeros(0)
+            members[name] = ScoredInstances(member, graph, scores, torch.softmax(scores, dim=0))
+        return Observation(features, members)
 
 
 def read_checkpoint(path: str | Path) -> dict[str, Any]:

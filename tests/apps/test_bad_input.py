@@ -113,6 +113,7 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("demonstration.strangers=-1", ["demonstration.strangers=-1", "0 or more"]),
         ("objective.goal_temperatures=[0]", ["objective.goal_temperatures", "[0]", "positive"]),
         ("objective.goal_temperatures=0.1", ["objective.goal_temperatures", "0.1", "a list"]),
+        ("inference.temporal=often", ["inference.temporal=often", "none or filter"]),
         ("features.colour=-1", ["features.colour=-1", "0 (none)"]),
         ("optimizer.lr=-1", ["optimizer", "-1"]),
         ("optimizer.lr=x", ["optimizer.lr=x", "number"]),

@@ -98,11 +98,11 @@ class Interrupted(FrameSource):
 def test_ctrl_c_keeps_what_there_is(skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path) -> None:
     loaded, source = Skill.load(skill), Interrupted(demonstration_frames[0])
     with pytest.raises(KeyboardInterrupt):
-        write_inference(loaded, source, source, tmp_path, 0.1, {})
+        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {})
     assert {line["frame"] for line in associations(tmp_path)} == {0, 1}
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 2
     # A second time, the results of the first are earlier ones, which stay.
     (tmp_path / "associations.jsonl").write_text("earlier")
     with pytest.raises(KeyboardInterrupt):
-        write_inference(loaded, source, source, tmp_path, 0.1, {})
+        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {})
     assert (tmp_path / "associations.jsonl").read_text() == "earlier"

@@ -1,12 +1,20 @@
 """Points and segments of a textured picture are found again after a known motion; what cannot be is marked."""
 
+from collections.abc import Callable
 from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
 
-from geoskill.features.flow import SAMPLES_PER_SEGMENT, Flow, dense_flow, follow_along, follow_features
+from geoskill.features.flow import (
+    SAMPLES_PER_SEGMENT,
+    Flow,
+    dense_flow,
+    follow_along,
+    follow_features,
+    follow_few,
+)
 from geoskill.geometry.primitives import NodeType
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
@@ -24,6 +32,23 @@ def texture() -> np.ndarray:
         layer = cv2.GaussianBlur(random.normal(size=total.shape), (0, 0), sigma)
         total += layer / layer.std()
     return np.clip(128 + 25 * total, 0, 255).astype(np.uint8)
+
+
+Follow = Callable[[NodeType, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def follow_few_in_colour(
+    node_type: NodeType, geometry: np.ndarray, start: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    start, end = (np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)) for frame in (start, end))
+    return follow_few(node_type, geometry, start, end)
+
+
+@pytest.fixture(params=[follow_features, follow_few_in_colour], ids=["dense", "few"])
+def follow(request: pytest.FixtureRequest) -> Follow:
+    """Along dense flow, and a few features by themselves."""
+    chosen: Follow = request.param
+    return chosen
 
 
 @pytest.fixture
@@ -58,9 +83,9 @@ MOTIONS = [
 
 @pytest.mark.parametrize("matrix", MOTIONS)
 def test_points_are_followed_to_a_fraction_of_a_pixel(
-    texture: np.ndarray, points: np.ndarray, matrix: np.ndarray
+    follow: Follow, texture: np.ndarray, points: np.ndarray, matrix: np.ndarray
 ) -> None:
-    geometry, followed = follow_features(POINT, points, texture, moved_picture(texture, matrix))
+    geometry, followed = follow(POINT, points, texture, moved_picture(texture, matrix))
     assert followed.all()
     assert geometry.dtype == np.float32
     np.testing.assert_allclose(geometry, moved_points(points, matrix), rtol=0, atol=SUBPIXEL)
@@ -68,10 +93,10 @@ def test_points_are_followed_to_a_fraction_of_a_pixel(
 
 @pytest.mark.parametrize("matrix", MOTIONS)
 def test_segments_are_followed_to_a_fraction_of_a_pixel(
-    texture: np.ndarray, points: np.ndarray, matrix: np.ndarray
+    follow: Follow, texture: np.ndarray, points: np.ndarray, matrix: np.ndarray
 ) -> None:
     segments = points.reshape(-1, 4)
-    geometry, followed = follow_features(LINE, segments, texture, moved_picture(texture, matrix))
+    geometry, followed = follow(LINE, segments, texture, moved_picture(texture, matrix))
     assert followed.all()
     assert geometry.dtype == np.float32
     assert geometry.shape == segments.shape
@@ -80,10 +105,10 @@ def test_segments_are_followed_to_a_fraction_of_a_pixel(
     np.testing.assert_allclose(geometry, expected, rtol=0, atol=SUBPIXEL)
 
 
-def test_a_segment_keeps_its_length_when_the_picture_grows(texture: np.ndarray) -> None:
+def test_a_segment_keeps_its_length_when_the_picture_grows(follow: Follow, texture: np.ndarray) -> None:
     segments = np.array([[90, 80, 170, 120], [130, 60, 130, 140]], np.float32)  # both centred at CENTRE
     matrix = motion(scale=1.05, shift=(3.0, -2.0))
-    geometry, followed = follow_features(LINE, segments, texture, moved_picture(texture, matrix))
+    geometry, followed = follow(LINE, segments, texture, moved_picture(texture, matrix))
     assert followed.all()
     # 5 % of about 90 px would be 4.5 px; the rigid motion that fits best is the shift of the middle alone.
     np.testing.assert_allclose(lengths(geometry), lengths(segments), rtol=1e-5)
@@ -94,20 +119,20 @@ def lengths(segments: np.ndarray) -> np.ndarray:
     return np.asarray(np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]))
 
 
-def test_what_leaves_the_picture_is_lost(texture: np.ndarray) -> None:
+def test_what_leaves_the_picture_is_lost(follow: Follow, texture: np.ndarray) -> None:
     points = np.array([[5, 60], [8, 140], [120, 60], [120, 140]], np.float32)
     end = moved_picture(texture, motion(shift=(-15.0, 0.0)))
-    geometry, followed = follow_features(POINT, points, texture, end)
+    geometry, followed = follow(POINT, points, texture, end)
     assert followed.tolist() == [False, False, True, True]
     np.testing.assert_allclose(geometry, [[5, 60], [8, 140], [105, 60], [105, 140]], rtol=0, atol=0.1)
     assert np.array_equal(geometry[:2], points[:2])
 
 
-def test_what_loses_its_texture_is_lost(texture: np.ndarray) -> None:
+def test_what_loses_its_texture_is_lost(follow: Follow, texture: np.ndarray) -> None:
     points = np.array([[60, 60], [60, 140], [200, 60], [200, 140]], np.float32)
     end = moved_picture(texture, motion(shift=(4.0, 0.0)))
     end[:, 160:] = 90
-    geometry, followed = follow_features(POINT, points, texture, end)
+    geometry, followed = follow(POINT, points, texture, end)
     assert followed.tolist() == [True, True, False, False]
     np.testing.assert_allclose(geometry, [[64, 60], [64, 140], [200, 60], [200, 140]], rtol=0, atol=0.1)
     assert np.array_equal(geometry[2:], points[2:])
@@ -212,18 +237,18 @@ def test_a_segment_is_followed_when_most_of_its_samples_are(texture: np.ndarray)
     assert {3, 4, 7} <= counts
 
 
-def test_each_segment_is_judged_by_itself(texture: np.ndarray) -> None:
+def test_each_segment_is_judged_by_itself(follow: Follow, texture: np.ndarray) -> None:
     segments = np.array([[40, 60, 100, 140], [200, 60, 230, 140], [40, 140, 100, 60]], np.float32)
     end = moved_picture(texture, motion(shift=(3.0, 0.0)))
     end[:, 160:] = 90
-    geometry, followed = follow_features(LINE, segments, texture, end)
+    geometry, followed = follow(LINE, segments, texture, end)
     assert followed.tolist() == [True, False, True]
     np.testing.assert_allclose(geometry - segments, [[3, 0, 3, 0], [0, 0, 0, 0], [3, 0, 3, 0]], rtol=0, atol=SUBPIXEL)
 
 
 @pytest.mark.parametrize("node_type", [POINT, LINE])
-def test_nothing_to_follow(texture: np.ndarray, node_type: NodeType) -> None:
-    geometry, followed = follow_features(node_type, np.zeros((0, node_type.geometry_dim), np.float32), texture, texture)
+def test_nothing_to_follow(follow: Follow, texture: np.ndarray, node_type: NodeType) -> None:
+    geometry, followed = follow(node_type, np.zeros((0, node_type.geometry_dim), np.float32), texture, texture)
     assert geometry.shape == (0, node_type.geometry_dim)
     assert geometry.dtype == np.float32
     assert followed.shape == (0,)
@@ -231,9 +256,19 @@ def test_nothing_to_follow(texture: np.ndarray, node_type: NodeType) -> None:
 
 
 @pytest.mark.parametrize("node_type", [POINT, LINE])
-def test_the_given_geometry_is_left_alone(texture: np.ndarray, points: np.ndarray, node_type: NodeType) -> None:
+def test_the_given_geometry_is_left_alone(
+    follow: Follow, texture: np.ndarray, points: np.ndarray, node_type: NodeType
+) -> None:
     given = points.reshape(-1, node_type.geometry_dim)
     before = given.copy()
-    geometry, _ = follow_features(node_type, given, texture, moved_picture(texture, MOTIONS[1]))
+    geometry, _ = follow(node_type, given, texture, moved_picture(texture, MOTIONS[1]))
     geometry += 1
     assert np.array_equal(given, before)
+
+
+def test_few_features_are_not_followed_through_pictures_of_a_few_pixels() -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (20, 300), np.uint8)
+    points = np.array([[10, 10], [200, 5]], np.float32)
+    geometry, followed = follow_few(POINT, points, picture, picture)
+    assert not followed.any()
+    assert np.array_equal(geometry, points)

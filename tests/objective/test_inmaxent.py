@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import jaxtyping
 import pytest
 import torch
 from torch import Tensor
@@ -13,12 +12,6 @@ from geoskill.errors import InputError
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
-
-
-@pytest.fixture
-def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a user can pass by mistake must reach our own check also when the tests check annotations."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 def without_goal(**values: Any) -> ObjectiveSettings:

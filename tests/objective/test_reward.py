@@ -2,7 +2,6 @@
 
 import math
 
-import jaxtyping
 import pytest
 import torch
 from hypothesis import given, settings
@@ -22,12 +21,6 @@ from geoskill.objective.reward import (
 BATCH = torch.tensor([0, 0, 0, 2, 2, 3])  # frames 1 and 4 have no instance
 SELECT_OUT = torch.tensor([0.5, 0.25, 0.25, 0.125, 0.875, 1.0])
 FRAMES = 5
-
-
-@pytest.fixture
-def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a user can pass by mistake must reach our own check also when the tests check annotations."""
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
 
 
 @settings(max_examples=60, deadline=None)

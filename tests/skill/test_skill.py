@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jaxtyping
 import numpy as np
 import pytest
 import torch
@@ -285,10 +284,8 @@ def test_fewer_instances_than_alternatives(skill: Skill, frame: np.ndarray) -> N
         (np.zeros((0, 5, 3), np.uint8), r"uint8 \[0, 5, 3\]"),
     ],
 )
-def test_what_is_no_frame_is_refused(
-    skill: Skill, frame: np.ndarray, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # it would say so in its own words
+@pytest.mark.usefixtures("annotations_unchecked")
+def test_what_is_no_frame_is_refused(skill: Skill, frame: np.ndarray, said: str) -> None:
     with pytest.raises(InputError, match=rf"^the frame is {said}; expected uint8 \[height, width, 3\], RGB$"):
         skill.infer(frame)
 

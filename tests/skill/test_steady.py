@@ -1,0 +1,149 @@
+"""What is selected stays while its features are there and nothing is better for long. On the frames of the fixture."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geoskill import SteadySkill as PublicSteadySkill
+from geoskill.errors import InputError
+from geoskill.evaluation.switches import SwitchCounter
+from geoskill.skill import steady
+from geoskill.skill.association import Association, InferenceResult
+from geoskill.skill.skill import Skill
+from geoskill.skill.steady import SteadySkill
+
+POINTS = "p2p_sift"
+
+
+@pytest.fixture
+def skill(skill_file: Path) -> Skill:
+    return Skill.load(skill_file)
+
+
+def of_points(result: InferenceResult) -> list[Association]:
+    return [association for association in result.associations if association.kernel == "p2p"]
+
+
+def turn_over(skill: Skill) -> None:
+    """What scored most scores least from here on."""
+    for member in skill.members.values():
+        scorer = member.scorer
+        scorer.read_out.scale *= -1  # type: ignore[union-attr, operator]
+        scorer.direct.scale *= -1  # type: ignore[union-attr, operator]
+
+
+def test_the_package_offers_it() -> None:
+    assert PublicSteadySkill is SteadySkill
+
+
+def test_the_first_frame_is_judged_by_itself(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    frame = demonstration_frames[6]
+    alone, first = skill.infer(frame), SteadySkill(skill).infer(frame)
+    assert first.associations == alone.associations
+    np.testing.assert_array_equal(first.error, alone.error)
+
+
+def test_it_switches_less_than_frame_by_frame(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    switches = []
+    for infer in (skill.infer, SteadySkill(skill).infer):
+        counter = SwitchCounter(skill.members[POINTS].kernel)
+        for frame in demonstration_frames:
+            counter.advance(frame)
+            counter.judge(of_points(infer(frame))[0])
+        assert counter.count.comparable > 10
+        switches.append(counter.count.switches)
+    assert switches[1] < switches[0] / 2
+
+
+def test_what_is_much_worse_goes_at_once(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    frame, selector = demonstration_frames[6], SteadySkill(skill)
+    first = selector.infer(frame)
+    turn_over(skill)
+    assert selector.infer(frame).associations == skill.infer(frame).associations
+    assert of_points(skill.infer(frame))[0].nodes != of_points(first)[0].nodes
+
+
+def test_a_lead_adds_up_until_patience_ends(
+    skill: Skill, demonstration_frames: Sequence[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame, selector = demonstration_frames[6], SteadySkill(skill)
+    kept = of_points(selector.infer(frame))[0]
+    turn_over(skill)
+    scores = skill.observe(frame).members[POINTS].scores
+    monkeypatch.setattr(steady, "MARGIN", 0.5)
+    lead = float((scores.max() - scores.min()) / scores.std(correction=0)) - 0.5
+    monkeypatch.setattr(steady, "PATIENCE", 2.5 * lead)
+    for _ in range(2):
+        listed = of_points(selector.infer(frame))
+        assert set(listed[0].nodes) == set(kept.nodes)
+        assert listed[0].confidence < listed[1].confidence, "the best of the others follow"
+        assert [association.rank for association in listed] == [1, 2, 3, 4]
+        assert set(listed[1].nodes) == set(of_points(skill.infer(frame))[0].nodes)
+    assert of_points(selector.infer(frame)) == of_points(skill.infer(frame))
+
+
+def test_the_sign_of_the_error_stays(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    selector = SteadySkill(skill)
+    errors = [np.array(of_points(selector.infer(frame))[0].error) for frame in demonstration_frames[:4]]
+    assert all(np.linalg.norm(later - earlier) < 8 for earlier, later in pairwise(errors))
+
+
+def keep_weak_features(skill: Skill, selector: SteadySkill, frame: np.ndarray) -> Association:
+    """Has an association kept that joins neither of the two strongest points."""
+    skill.alternatives = 1000
+    listed = of_points(selector.infer(frame))
+    skill.alternatives = 4
+    weak = next(a for a in listed if all(node.feature is not None and node.feature >= 2 for node in a.nodes))
+    selector._kept[POINTS] = steady._Kept(weak)
+    return weak
+
+
+def test_what_is_not_detected_is_followed_for_a_while(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    frame, selector = demonstration_frames[6], SteadySkill(skill)
+    weak = keep_weak_features(skill, selector, frame)
+    skill.pipelines["sift"].max_features = 2
+    for _ in range(steady.LONGEST_MISS):
+        (found,) = of_points(selector.infer(frame))
+        assert (found.rank, found.confidence) == (1, weak.confidence)
+        assert [node.feature for node in found.nodes] == [None, None]
+        for node, expected in zip(found.nodes, weak.nodes, strict=True):
+            np.testing.assert_allclose(node.coordinates, expected.coordinates, atol=0.1)
+        np.testing.assert_allclose(found.error, weak.error, atol=0.2)
+    (found,) = of_points(selector.infer(frame))
+    assert [node.feature for node in found.nodes] in ([0, 1], [1, 0])
+
+
+def test_the_nodes_of_what_is_not_detected_move_with_the_picture(
+    skill: Skill, demonstration_frames: Sequence[np.ndarray]
+) -> None:
+    frame, selector = demonstration_frames[6], SteadySkill(skill)
+    weak = keep_weak_features(skill, selector, frame)
+    skill.pipelines["sift"].max_features = 2
+    (found,) = of_points(selector.infer(np.roll(frame, (2, 3), axis=(0, 1))))
+    for node, expected in zip(found.nodes, weak.nodes, strict=True):
+        np.testing.assert_allclose(node.coordinates, np.add(expected.coordinates, (3, 2)), atol=0.3)
+
+
+@pytest.mark.parametrize("other", ["noise", "smaller", "empty"])
+def test_what_is_lost_goes(skill: Skill, demonstration_frames: Sequence[np.ndarray], other: str) -> None:
+    selector = SteadySkill(skill)
+    selector.infer(demonstration_frames[6])
+    frames = {
+        "noise": np.random.default_rng(1).integers(0, 255, (120, 160, 3), np.uint8),
+        "smaller": np.ascontiguousarray(demonstration_frames[6][:100]),
+        "empty": np.full((120, 160, 3), 77, np.uint8),
+    }
+    result = selector.infer(frames[other])
+    assert result.associations == skill.infer(frames[other]).associations
+    assert result.reasons == skill.infer(frames[other]).reasons
+    again = selector.infer(demonstration_frames[6])
+    assert again.associations == skill.infer(demonstration_frames[6]).associations
+
+
+@pytest.mark.usefixtures("annotations_unchecked")
+def test_bad_frames_are_refused(skill: Skill) -> None:
+    with pytest.raises(InputError, match=r"^the frame is uint8 \[5, 6\]; expected uint8 \[height, width, 3\], RGB$"):
+        SteadySkill(skill).infer(np.zeros((5, 6), np.uint8))
