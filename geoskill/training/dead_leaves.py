@@ -24,7 +24,9 @@ def dead_leaves(height: int, width: int, random: np.random.Generator) -> UInt8[n
     radii = (SMALLEST**-2 - share * (SMALLEST**-2 - LARGEST**-2)) ** -0.5 * side
     for radius in radii:
         centre = random.uniform((0, 0), (width, height))
-        colour = random.uniform(0, 255, 3).tolist()
+        # From grey to vivid, so that no degree of colour tells leaves from things.
+        grey, vivid = random.uniform(0, 255), random.uniform(0, 255, 3)
+        colour = (grey + random.random() ** 2 * (vivid - grey)).tolist()
         corners = int(random.integers(2, 6))
         if corners == 2:
             cv2.circle(picture, centre.astype(int).tolist(), round(float(radius)), colour, cv2.FILLED)

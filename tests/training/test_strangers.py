@@ -49,6 +49,8 @@ def test_leaves_are_of_all_sizes_and_everywhere(seed: int) -> None:
     halves = [*np.split(picture, 2, axis=0), *np.split(picture, 2, axis=1)]
     assert all(half.std() > 30 for half in halves)
     assert len(Sift().extract(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))) > 40
+    colourful = cv2.blur(picture, (3, 3)).astype(int).max(axis=2) - cv2.blur(picture, (3, 3)).astype(int).min(axis=2)
+    assert (colourful < 25).mean() > 0.1 < (colourful > 60).mean(), "some are grey, some are not"
     assert not np.array_equal(picture, dead_leaves(120, 160, np.random.default_rng(seed + 1)))
 
 
