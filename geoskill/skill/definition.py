@@ -36,6 +36,7 @@ class _MemberHistory:
     confidences: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
     groups: list[_Group] = field(default_factory=list)
+    last: _Group | None = None
 
 
 @final
@@ -62,8 +63,16 @@ class TaskDefinition:
             history.confidences.append(association.confidence)
             history.errors.append(float(np.linalg.norm(association.error)))
             sets = [result.features[member.extractors[role]] for role in member.kernel.roles]
-            descriptors = [found.descriptors[node.feature] for found, node in zip(sets, association.nodes, strict=True)]
-            _assign(history.groups, descriptors, association, frame_index, automorphisms(member.kernel))
+            rows = [node.feature for node in association.nodes if node.feature is not None]
+            if len(rows) == len(sets):
+                descriptors = [found.descriptors[row] for found, row in zip(sets, rows, strict=True)]
+                history.last = _group_of(
+                    history.groups, descriptors, association, frame_index, automorphisms(member.kernel)
+                )
+            # One that was kept though not all of its features were detected is the same as before.
+            if history.last is not None:
+                history.last.frames += 1
+                history.last.confidence += association.confidence
 
     def as_dict(self) -> dict[str, Any]:
         """The definition in plain values, as in ``skill.yaml``.
@@ -106,14 +115,14 @@ class TaskDefinition:
         }
 
 
-def _assign(
+def _group_of(
     groups: list[_Group],
     descriptors: list[Float32[np.ndarray, " _"]],
     association: Association,
     frame_index: int,
     orders: tuple[tuple[int, ...], ...],
-) -> None:
-    """Count an association to the group it resembles most, or let it found one."""
+) -> _Group:
+    """The group that an association resembles most, or one that it founds."""
     best, likeness = None, SAME_FEATURE
     for group in groups:
         for order in orders:
@@ -124,7 +133,6 @@ def _assign(
     if best is None:
         best = _Group(descriptors, association, frame_index, frames=0)
         groups.append(best)
-    best.frames += 1
-    best.confidence += association.confidence
     if association.confidence > best.best.confidence:
         best.descriptors, best.best, best.best_frame = descriptors, association, frame_index
+    return best

@@ -1,5 +1,6 @@
 """The readable definition of a task, summed up by hand."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,19 @@ def test_what_a_member_found_in_five_frames() -> None:
             },
         ],
     }
+
+
+def test_what_was_kept_without_being_detected_counts_as_what_it_was() -> None:
+    """Frame 10 has the association of frame 0, one of whose nodes no detected feature is."""
+    seen = frame_with(CUP, SHELF, 0.5, (3.0, 4.0))
+    first, second = seen.associations[0].nodes
+    kept = replace(seen.associations[0], nodes=(first, Node(POINT, (70.0, 80.0))), error=(0.0, 1.0), confidence=0.5)
+    missed = InferenceResult((kept,), np.array(kept.error), seen.features)
+    described = definition_of([seen, missed, frame_with(HAND, SHELF, 0.25, (0.0, 2.0)), missed])
+    found = described["members"]["p2p_sift"]
+    assert found["frames_with_association"] == 4
+    assert [(entry["share"], entry["mean_confidence"]) for entry in found["associations"]] == [(0.5, 0.5), (0.5, 0.375)]
+    assert found["associations"][0]["nodes"] == [first.as_json(), second.as_json()]
 
 
 @pytest.mark.parametrize(("likeness", "groups"), [(SAME_FEATURE + 0.01, 1), (SAME_FEATURE - 0.01, 2)])
