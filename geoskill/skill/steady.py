@@ -20,7 +20,7 @@ from typing import final
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import UInt8
 
 from geoskill.features.flow import follow_few
 from geoskill.features.patches import are_alike, patches_at
@@ -54,7 +54,7 @@ class _Kept:
     """
 
     association: Association
-    looks: tuple[Float32[np.ndarray, "p side side"], ...]
+    looks: tuple[np.ndarray, ...]
     lead: float = 0.0
     missed: int = 0
 
@@ -121,9 +121,8 @@ class SteadySkill:
         return _Kept(association, _looks(association.nodes, grey), lead) if lead <= PATIENCE else None
 
 
-def _looks(
-    nodes: Sequence[Node], grey: UInt8[np.ndarray, "height width"]
-) -> tuple[Float32[np.ndarray, "p side side"], ...]:
+def _looks(nodes: Sequence[Node], grey: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:
+    """The patches of each node (:func:`patches_at`)."""
     return tuple(patches_at(grey, node.node_type, node.coordinates) for node in nodes)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -97,7 +98,8 @@ def keep_weak_features(skill: Skill, selector: SteadySkill, frame: np.ndarray) -
     listed = of_points(selector.infer(frame))
     skill.alternatives = 4
     weak = next(a for a in listed if all(node.feature is not None and node.feature >= 2 for node in a.nodes))
-    selector._kept[POINTS] = steady._Kept(weak)
+    grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
+    selector._kept[POINTS] = steady._Kept(weak, steady._looks(weak.nodes, grey))
     return weak
 
 
@@ -125,6 +127,18 @@ def test_the_nodes_of_what_is_not_detected_move_with_the_picture(
     (found,) = of_points(selector.infer(np.roll(frame, (2, 3), axis=(0, 1))))
     for node, expected in zip(found.nodes, weak.nodes, strict=True):
         np.testing.assert_allclose(node.coordinates, np.add(expected.coordinates, (3, 2)), atol=0.3)
+
+
+def test_what_is_covered_goes(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    frame, selector = demonstration_frames[6], SteadySkill(skill)
+    weak = keep_weak_features(skill, selector, frame)
+    skill.pipelines["sift"].max_features = 2
+    x, y = (round(value) for value in weak.nodes[0].centre)
+    covered = frame.copy()
+    patch = np.random.default_rng(2).integers(0, 255, (9, 9, 3), np.uint8)
+    covered[y - 4 : y + 5, x - 4 : x + 5] = patch
+    (found,) = of_points(selector.infer(covered))
+    assert None not in [node.feature for node in found.nodes]
 
 
 @pytest.mark.parametrize("other", ["noise", "smaller", "empty"])
