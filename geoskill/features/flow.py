@@ -5,6 +5,7 @@ the real demonstration it serves as well as a sparse tracker of Lucas and Kanade
 when the backward flow brings it back to where it started ("Forward-backward error", Kalal et al., ICPR 2010).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -89,14 +90,7 @@ def follow_along(
         uncertain (the aperture problem); its length is kept. Flow is smooth: what vanishes in a plain area, and what
         lies within some pixels of the edge of something that moves past, may count as followed.
     """
-    if len(geometry) == 0:
-        return geometry.copy(), np.zeros(0, bool)
-    if node_type is NodeType.POINT:
-        moved, followed = _follow_points(geometry, flow, tolerance_px)
-        return np.where(followed[:, None], moved, geometry), followed
-    ends, samples = _samples_of(geometry)
-    moved, followed = _follow_points(samples.reshape(-1, 2), flow, tolerance_px)
-    return _refit_segments(ends, samples, moved.reshape(samples.shape), followed.reshape(samples.shape[:2]))
+    return _follow(node_type, geometry, lambda points: _follow_points(points, flow, tolerance_px))
 
 
 def follow_few(
@@ -112,13 +106,26 @@ def follow_few(
     The flow is that of Lucas and Kanade on a pyramid, at the features' own points. What something of texture moves past
     may be taken along by it. Frames smaller than :data:`SMALLEST_SIDE` are not followed through.
     """
-    if len(geometry) == 0 or min(start.shape) < SMALLEST_SIDE:
+    if min(start.shape) < SMALLEST_SIDE:
         return geometry.copy(), np.zeros(len(geometry), bool)
+    return _follow(node_type, geometry, lambda points: _track_points(points, start, end, tolerance_px))
+
+
+def _follow(
+    node_type: NodeType,
+    geometry: Float32[np.ndarray, "n g"],
+    follow_points: Callable[[Float32[np.ndarray, "p 2"]], tuple[np.ndarray, np.ndarray]],
+) -> tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]:
+    """Features of any type, by what follows points."""
+    if len(geometry) == 0:
+        return geometry.copy(), np.zeros(0, bool)
     if node_type is NodeType.POINT:
-        moved, followed = _track_points(geometry, start, end, tolerance_px)
+        moved, followed = follow_points(geometry)
         return np.where(followed[:, None], moved, geometry), followed
-    ends, samples = _samples_of(geometry)
-    moved, followed = _track_points(samples.reshape(-1, 2), start, end, tolerance_px)
+    ends = geometry.reshape(-1, 2, 2)
+    share = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT, dtype=np.float32)[None, :, None]
+    samples = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
+    moved, followed = follow_points(samples.reshape(-1, 2))
     return _refit_segments(ends, samples, moved.reshape(samples.shape), followed.reshape(samples.shape[:2]))
 
 
@@ -136,15 +143,6 @@ def _track_points(
     inside = (moved[:, 0] >= -0.5).all(axis=1) & (moved[:, 0] <= (width - 0.5, height - 0.5)).all(axis=1)
     close = np.linalg.norm((returned - source)[:, 0], axis=1) <= tolerance_px
     return np.asarray(moved[:, 0], np.float32), inside & close & (there[:, 0] > 0) & (back[:, 0] > 0)
-
-
-def _samples_of(
-    segments: Float32[np.ndarray, "n 4"],
-) -> tuple[Float32[np.ndarray, "n 2 2"], Float32[np.ndarray, "n s 2"]]:
-    """The end points of segments, and points spread from one to the other."""
-    ends = segments.reshape(-1, 2, 2)
-    share = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT, dtype=np.float32)[None, :, None]
-    return ends, ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
 
 
 def _follow_points(
