@@ -41,10 +41,10 @@ def evaluate(cfg: DictConfig) -> None:
     if cfg.every < 1:
         raise InputError(f"every={cfg.every}: expected at least 1")
     skill = load_skill(cfg)
-    choices = HydraConfig.get().runtime.choices
+    choices, store = HydraConfig.get().runtime.choices, array_store(cfg)
     if simulated:
         seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
-        footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], array_store(cfg))
+        footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], store)
     else:
         video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
         footage = video_footage(OmegaConf.create(video), minimum=1)
@@ -55,7 +55,7 @@ def evaluate(cfg: DictConfig) -> None:
 
         baseline = track_hand_picked_pairs(footage.recording)
         figures |= {"baseline_success": baseline.success, "baseline_pairs": [baseline.kept, baseline.picked]}
-        demonstrated = demonstration_recording(skill.learned_from, cfg.task, choices["task"], array_store(cfg))
+        demonstrated = demonstration_recording(skill.learned_from, cfg.task, choices["task"], store)
         if demonstrated is not None:
             for name, bound in score_viewpoint(skill, demonstrated, footage.recording).items():
                 figures["members"][name] |= bound

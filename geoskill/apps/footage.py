@@ -101,28 +101,11 @@ def simulated_footage(
     Raises:
         InputError: when the settings cannot be, or there is no OpenGL context.
     """
-    from geoskill.apps.settings import refusing
     from geoskill.evaluation.simulated import SimulatedLabels
-    from geoskill.simulation.recording import Recording, pack, unpack
-    from geoskill.simulation.scene import RecordingSettings, record
 
-    with refusing("task"):
-        scene = instantiate(task.scene)
-    with refusing("scenario"):
-        conditions = instantiate(scenario)
-    settings = RecordingSettings(scene, conditions, seed, take)
-
-    def render() -> Recording:
-        return record(settings)
-
-    if store is None:
-        recording = render()
-    else:
-        described = f"{_renderer_identity()} {scene.name} {sorted(asdict(conditions).items())} {seed} {take}"
-        key = hashlib.sha256(described.encode()).hexdigest()
-        recording = store.get_or_compute(key, render, pack, unpack)
-    source = RecordingSource(recording, f"{scene.name}, {take}")
-    return Footage(source, list(source), SimulatedLabels(recording, source.name), recording)
+    name, recording = _named_recording(task, scenario, seed, take, store)
+    source = RecordingSource(recording, name)
+    return Footage(source, list(source), SimulatedLabels(recording, name), recording)
 
 
 def demonstration_recording(
@@ -142,8 +125,33 @@ def demonstration_recording(
     if learned_from.get("task") != choice or "scenario" not in learned_from:
         return None
     conditions = {"_target_": "geoskill.simulation.conditions.Conditions", **learned_from["scenario"]}
-    footage = simulated_footage(task, OmegaConf.create(conditions), learned_from["seed"], DEMONSTRATION, store)
-    return footage.recording
+    # Without its pictures, of which few are wanted.
+    return _named_recording(task, OmegaConf.create(conditions), learned_from["seed"], DEMONSTRATION, store)[1]
+
+
+def _named_recording(
+    task: DictConfig, scenario: DictConfig, seed: int, take: str, store: ArrayStore | None
+) -> tuple[str, "Recording"]:
+    """What a recording is called in messages, and itself; see :func:`simulated_footage`."""
+    from geoskill.apps.settings import refusing
+    from geoskill.simulation.recording import Recording, pack, unpack
+    from geoskill.simulation.scene import RecordingSettings, record
+
+    with refusing("task"):
+        scene = instantiate(task.scene)
+    with refusing("scenario"):
+        conditions = instantiate(scenario)
+    settings = RecordingSettings(scene, conditions, seed, take)
+    name = f"{scene.name}, {take}"
+
+    def render() -> Recording:
+        return record(settings)
+
+    if store is None:
+        return name, render()
+    described = f"{_renderer_identity()} {scene.name} {sorted(asdict(conditions).items())} {seed} {take}"
+    key = hashlib.sha256(described.encode()).hexdigest()
+    return name, store.get_or_compute(key, render, pack, unpack)
 
 
 def _renderer_identity() -> str:
