@@ -1,6 +1,6 @@
 """Message passing over the motif: the paper's network (section III-B, after Gilmer et al., ICML 2017)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import torch
@@ -10,9 +10,14 @@ from torch import Tensor, nn
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.model.bilinear import Bilinear
+from geoskill.model.chunks import MIB, in_chunks
 from geoskill.model.encoder import DescriptorEncoder
 from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
+
+# Numbers that autograd keeps of each node and step, as multiples of its state: 13.7 and 12.7 are measured
+# (test_message_passing.py), the read-out included.
+SAVED_PER_STEP = 14
 
 
 @final
@@ -36,20 +41,40 @@ class MessageLayer(nn.Module):
         message: Tensor = self.output(torch.relu(self.source(source) + self.destination(destination)))
         return message
 
+    def project(self, states: Float[Tensor, "... h"]) -> Float[Tensor, "... 5*h"]:
+        """All linear functions of a state in one product: as a source, as a destination, and in the unit's gates."""
+        weight = torch.cat([self.source.weight, self.destination.weight, self.update.weight_hh])
+        bias = torch.cat([self.source.bias, torch.zeros_like(self.source.bias), self.update.bias_hh])
+        return nn.functional.linear(states, weight, bias)
+
     def forward(
-        self, states: list[Float[Tensor, "m h"]], edges: tuple[tuple[int, int], ...]
-    ) -> list[Float[Tensor, "m h"]]:
-        """The next state of each of the motif's nodes, for ``m`` instances at once."""
-        sources = [self.source(state) for state in states]
-        destinations = [self.destination(state) for state in states]
-        updated = []
-        for node, state in enumerate(states):
-            incoming = [i for i, j in edges if j == node]
-            # The output layer is linear: summing before it, with its bias once per message, is the sum of the messages.
-            inner = [torch.relu(sources[i] + destinations[node]) for i in incoming]
-            total = nn.functional.linear(sum(inner[1:], inner[0]), self.output.weight, self.output.bias * len(inner))
-            updated.append(self.update(total, state))
-        return updated
+        self,
+        states: Float[Tensor, "k m h"],
+        projected: Float[Tensor, "k m 5*h"],
+        incoming: Sequence[Sequence[int]],
+    ) -> Float[Tensor, "k m h"]:
+        """The next state of each of the motif's nodes, for ``m`` instances at once.
+
+        Args:
+            states: of every node.
+            projected: :meth:`project` of them.
+            incoming: for each node, those that send it a message.
+        """
+        hidden_dim = states.shape[-1]
+        sources, destinations, own = torch.split(projected, [hidden_dim, hidden_dim, 3 * hidden_dim], dim=-1)
+        # The output layer is linear: summing before it, with its bias once per message, is the sum of the messages. And
+        # the gates are linear in that sum: both products are one.
+        inner = [
+            torch.stack([torch.relu(sources[i] + destinations[node]) for i in senders]).sum(dim=0)
+            for node, senders in enumerate(incoming)
+        ]
+        weight = self.update.weight_ih @ self.output.weight
+        counts = states.new_tensor([len(senders) for senders in incoming])[:, None, None]
+        from_bias = nn.functional.linear(self.output.bias, self.update.weight_ih)
+        received = nn.functional.linear(torch.stack(inner), weight) + (self.update.bias_ih + counts * from_bias)
+        reset, keep = torch.sigmoid((received + own)[..., : 2 * hidden_dim]).chunk(2, dim=-1)
+        proposed = torch.tanh(received[..., 2 * hidden_dim :] + reset * own[..., 2 * hidden_dim :])
+        return proposed + keep * (states - proposed)
 
 
 @final
@@ -66,9 +91,11 @@ class MessagePassing(InstanceScorer):
         direct_dim: width of a factorised score of the descriptors themselves (:class:`Bilinear`), which is added to
             what message passing says; None for none. Messages let an unknown partner change the state of a known
             feature in ways that no demonstration has shown; the direct score cannot be changed by it.
+        memory_mb: what training may keep of one batch for the backward pass, in MiB. Of a batch that needs more, states
+            are computed again, a chunk of instances at a time: memory then no longer grows with their number.
 
     Raises:
-        InputError: when ``hidden_dim``, ``layers`` or ``direct_dim`` is below 1.
+        InputError: when ``hidden_dim``, ``layers`` or ``direct_dim`` is below 1, or ``memory_mb`` is not positive.
     """
 
     def __init__(
@@ -81,13 +108,18 @@ class MessagePassing(InstanceScorer):
         read_out: str,
         encoder_dim: int | None = None,
         direct_dim: int | None = None,
+        memory_mb: float = 1024,
     ) -> None:
         super().__init__()
         for name, value in (("hidden_dim", hidden_dim), ("layers", layers), ("direct_dim", direct_dim)):
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
+        if memory_mb <= 0:
+            raise InputError(f"model.memory_mb={memory_mb:g}: expected a positive number of MiB")
         self.motif = motif
         self.steps = layers
+        self.hidden_dim = hidden_dim
+        self.memory_mb = memory_mb
         self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
@@ -104,8 +136,34 @@ class MessagePassing(InstanceScorer):
     ) -> Float[Tensor, " m"]:
         """See :meth:`InstanceScorer.forward`."""
         hidden = self.encoder(descriptors)
-        states = [hidden[role][row] for role, row in zip(self.motif.roles, instance_index, strict=True)]
-        for step in range(self.steps):
-            states = self.layer(step)(states, self.motif.edges)
-        scores: Tensor = self.read_out(states)
+        # In the first step, a feature's state is the same in all of its instances, and so is all that is linear in it.
+        projected = {kind: self.layer(0).project(states) for kind, states in hidden.items()}
+        scores = in_chunks(
+            lambda index: self._score(hidden, projected, index),
+            instance_index,
+            working_bytes=self._bytes_per_instance(5),
+            saved_bytes=self._bytes_per_instance(SAVED_PER_STEP * self.steps),
+            memory_bytes=MIB * self.memory_mb,
+        )
         return scores if self.direct is None else scores + self.direct(descriptors, instance_index)
+
+    def _score(
+        self,
+        hidden: Mapping[NodeType, Float[Tensor, "n h"]],
+        projected: Mapping[NodeType, Float[Tensor, "n 5*h"]],
+        instance_index: Int64[Tensor, "k m"],
+    ) -> Float[Tensor, " m"]:
+        """What message passing says of some instances."""
+        places = list(zip(self.motif.roles, instance_index, strict=True))
+        states = torch.stack([hidden[role][row] for role, row in places])
+        sent = torch.stack([projected[role][row] for role, row in places])
+        incoming = [[i for i, j in self.motif.edges if j == node] for node in range(len(places))]
+        for step in range(self.steps):
+            layer = self.layer(step)
+            states = layer(states, sent if step == 0 else layer.project(states), incoming)
+        scores: Tensor = self.read_out(list(states))
+        return scores
+
+    def _bytes_per_instance(self, states: int) -> int:
+        """Of so many single-precision states at each node."""
+        return 4 * states * self.hidden_dim * len(self.motif.roles)

@@ -6,12 +6,13 @@ import torch
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.p2p import PointToPoint
-from geoskill.model.message_passing import MessageLayer, MessagePassing
+from geoskill.model.message_passing import SAVED_PER_STEP, MessageLayer, MessagePassing
 from geoskill.model.scorer import Motif
 
 POINT = NodeType.POINT
 P2P = Motif.of(PointToPoint(), {POINT: 6})
-PATH = Motif((POINT,) * 3, ((0, 1), (1, 2), (1, 0), (2, 1)), ((0, 1, 2), (2, 1, 0)), {POINT: 6})
+# A path of three nodes: those that send each of them a message.
+INCOMING = [[1], [0, 2], [1]]
 
 
 @pytest.mark.parametrize(
@@ -40,7 +41,8 @@ def test_messages_are_summed_at_the_node() -> None:
     torch.manual_seed(0)
     layer = MessageLayer(4).double()
     left, middle, right = torch.randn(3, 5, 4, dtype=torch.float64)
-    updated = layer([left, middle, right], PATH.edges)
+    states = torch.stack([left, middle, right])
+    updated = layer(states, layer.project(states), INCOMING)
     both = layer.message(left, middle) + layer.message(right, middle)
     torch.testing.assert_close(updated[1], layer.update(both, middle), rtol=0, atol=1e-12)
     torch.testing.assert_close(updated[0], layer.update(layer.message(middle, left), left), rtol=0, atol=1e-12)
@@ -58,9 +60,71 @@ def test_a_step_carries_information_one_edge_further(steps: int, reached: bool) 
     """The end of a path hears of the other end in the second step."""
     torch.manual_seed(0)
     layer = MessageLayer(4)
-    states = list(torch.randn(3, 1, 4))
-    start = states[0].requires_grad_()
+    states = start = torch.randn(3, 1, 4, requires_grad=True)
     for _ in range(steps):
-        states = layer(states, PATH.edges)
-    gradient = torch.autograd.grad(states[2].sum(), start, allow_unused=True)[0]
-    assert (gradient is not None and bool(gradient.any())) == reached
+        states = layer(states, layer.project(states), INCOMING)
+    (gradient,) = torch.autograd.grad(states[2].sum(), start)
+    assert bool(gradient[0].any()) == reached
+
+
+@pytest.mark.parametrize("memory_mb", [0, -1])
+def test_no_memory_is_refused(memory_mb: float) -> None:
+    with pytest.raises(InputError, match=rf"^model\.memory_mb={memory_mb}: expected a positive number of MiB$"):
+        MessagePassing(P2P, hidden_dim=4, layers=2, shared_weights=True, read_out="product", memory_mb=memory_mb)
+
+
+@pytest.mark.parametrize("memory_mb", [1e-9, 0.01, 0.1])
+def test_states_computed_again_give_the_same_gradients(memory_mb: float) -> None:
+    """The smallest memory holds not one instance, the next a few, the last some tens."""
+    torch.manual_seed(0)
+    descriptors = {POINT: torch.randn(16, 6, dtype=torch.float64, requires_grad=True)}
+    index = torch.combinations(torch.arange(16)).T
+    kept = MessagePassing(P2P, hidden_dim=8, layers=3, shared_weights=False, read_out="product", direct_dim=4).double()
+    again = MessagePassing(
+        P2P,
+        hidden_dim=8,
+        layers=3,
+        shared_weights=False,
+        read_out="product",
+        direct_dim=4,
+        memory_mb=memory_mb,
+    ).double()
+    again.load_state_dict(kept.state_dict())
+    results = []
+    for scorer in (kept, again):
+        scores = scorer(descriptors, index)
+        gradients = torch.autograd.grad(scores.square().sum(), [descriptors[POINT], *scorer.parameters()])
+        results.append([scores, *gradients])
+    for expected, found in zip(*results, strict=True):
+        torch.testing.assert_close(found, expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("read_out", ["product", "perceptron"])
+def test_autograd_keeps_what_is_planned_for(read_out: str) -> None:
+    """SAVED_PER_STEP is what the decision to compute states again rests on."""
+    scorer = MessagePassing(P2P, hidden_dim=64, layers=4, shared_weights=True, read_out=read_out)
+    index = torch.combinations(torch.arange(60)).T
+    planned = 4 * SAVED_PER_STEP * scorer.steps * 64 * 2 * index.shape[1]
+    assert 0.9 * planned < _kept_bytes(scorer, index) < planned
+
+
+def test_memory_no_longer_grows_with_the_instances() -> None:
+    scorer = MessagePassing(P2P, hidden_dim=64, layers=4, shared_weights=True, read_out="product", memory_mb=4)
+    few, many = (_kept_bytes(scorer, torch.combinations(torch.arange(count)).T) for count in (60, 240))
+    assert many < 2 * few
+
+
+def _kept_bytes(scorer: MessagePassing, index: torch.Tensor) -> int:
+    """Of the tensors that autograd keeps for the backward pass, each storage once; without weights and indices."""
+    kept: dict[int, int] = {}
+
+    def pack(tensor: torch.Tensor) -> torch.Tensor:
+        if tensor.is_floating_point():
+            kept[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+        return tensor
+
+    descriptors = {POINT: torch.randn(int(index.max()) + 1, 6)}
+    with torch.autograd.graph.saved_tensors_hooks(pack, lambda tensor: tensor):
+        scores = scorer(descriptors, index)
+    assert scores.requires_grad
+    return sum(kept.values())
