@@ -123,6 +123,8 @@ def train(cfg: DictConfig) -> None:
     )
     if stored is not None:
         _check_same_spans(cfg, stored, demonstration.spans)
+    for name, member in parts.members.items():
+        member.scorer.remember(demonstration.descriptors(name))
     fit_reward_scale(parts.members, demonstration, objective)
     fit_movers(parts.members, demonstration, objective, cfg.demonstration.descriptor_noise)
     data = TransitionData(demonstration, batch_size=cfg.demonstration.batch_size, seed=cfg.seed)

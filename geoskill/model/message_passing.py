@@ -9,9 +9,9 @@ from torch import Tensor, nn
 
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
-from geoskill.model.bilinear import Bilinear
 from geoskill.model.chunks import MIB, in_chunks
 from geoskill.model.encoder import DescriptorEncoder
+from geoskill.model.prototypes import PrototypeMixture
 from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
 
@@ -88,14 +88,14 @@ class MessagePassing(InstanceScorer):
         encoder_dim: width of the descriptors' encoder; None for a linear one.
         read_out: ``perceptron`` on the final states, as in the paper, or ``product`` of two of them.
         shared_weights: one set of weights for all steps, as in Gilmer et al., or one for each.
-        direct_dim: width of a factorised score of the descriptors themselves (:class:`Bilinear`), which is added to
-            what message passing says; None for none. Messages let an unknown partner change the state of a known
-            feature in ways that no demonstration has shown; the direct score cannot be changed by it.
+        prototypes: of a score of likeness to the demonstration (:class:`PrototypeMixture`), which is added to what
+            message passing says; None for none. Messages let an unknown partner change the state of a known feature in
+            ways that no demonstration has shown; likeness is what it cannot have.
         memory_mb: what training may keep of one batch for the backward pass, in MiB. Of a batch that needs more, states
             are computed again, a chunk of instances at a time: memory then no longer grows with their number.
 
     Raises:
-        InputError: when ``hidden_dim``, ``layers`` or ``direct_dim`` is below 1, or ``memory_mb`` is not positive.
+        InputError: when ``hidden_dim``, ``layers`` or ``prototypes`` is below 1, or ``memory_mb`` is not positive.
     """
 
     def __init__(
@@ -107,11 +107,11 @@ class MessagePassing(InstanceScorer):
         shared_weights: bool,
         read_out: str,
         encoder_dim: int | None = None,
-        direct_dim: int | None = None,
+        prototypes: int | None = None,
         memory_mb: float = 1024,
     ) -> None:
         super().__init__()
-        for name, value in (("hidden_dim", hidden_dim), ("layers", layers), ("direct_dim", direct_dim)):
+        for name, value in (("hidden_dim", hidden_dim), ("layers", layers), ("prototypes", prototypes)):
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
         if memory_mb <= 0:
@@ -123,13 +123,18 @@ class MessagePassing(InstanceScorer):
         self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
-        self.direct = None if direct_dim is None else Bilinear(motif, hidden_dim=direct_dim)
+        self.direct = None if prototypes is None else PrototypeMixture(motif, prototypes=prototypes)
 
     def layer(self, step: int) -> MessageLayer:
         """The layer of this step."""
         layer = self.layers[step % len(self.layers)]
         assert isinstance(layer, MessageLayer)
         return layer
+
+    def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
+        """See :meth:`PrototypeMixture.remember`; without prototypes, nothing."""
+        if self.direct is not None:
+            self.direct.remember(descriptors)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]

@@ -34,6 +34,9 @@ class InstanceScorer(nn.Module, ABC):
     The score does not change when an instance's nodes are listed in the order of another automorphism.
     """
 
+    def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
+        """Keep what it wants of all features of the demonstration, before training. Most want nothing."""
+
     @abstractmethod
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]

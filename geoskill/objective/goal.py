@@ -5,19 +5,17 @@ it all but a centimetre. The end can. A term that only wants small errors in the
 (METHOD, "The reward is the weak spot, and how to mend it"); this one is conditional on having approached.
 
     arrival  a_i = log((before_i + s) / (after_i + s)) / (1 + log((before_i + s) / s))
-    goal         = mean over frames and temperatures T of KL(q || g),   q = softmax(a / T),   g = softmax(b / (scale T))
+    goal         = mean over frames of KL(q || g),   q = softmax(a / T),   g = softmax(b / (scale T))
 
 q is the distribution of maximum entropy for its mean arrival. The select-out at the goal's temperature is drawn to it
 rather than made to maximise the mean of a itself: that one is linear in g and, measured, collapses on whichever
 instance leads first.
 
-All temperatures want the same, scores b of ``scale`` times the arrival, and each looks at other instances: a low one
-tells the best from the next best; a high one ranks those that are left when the best are hidden. That scores learn more
-than which instance is the best, while the select-out itself stays decided, is as in "Distilling the Knowledge in a
-Neural Network" (Hinton et al., 2015).
+It wants scores b of ``scale`` times the arrival. A low temperature T looks at the best instances and tells them apart;
+a high one also ranks those that are left when the best are hidden. That scores learn more than which instance is the
+best, while the select-out itself stays decided, is as in "Distilling the Knowledge in a Neural Network" (Hinton et al.,
+2015).
 """
-
-from collections.abc import Sequence
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -56,17 +54,17 @@ def arrival(
 def goal_divergence(
     scores: Float[Tensor, " m"],
     arrivals: Float[Tensor, " m"],
-    temperatures: Sequence[float],
+    temperature: float,
     scale: float,
     batch: Int[Tensor, " m"],
     num_frames: int,
 ) -> Float[Tensor, " frames"]:
-    """KL(q || g) of each frame, the mean over the temperatures; 0 without instances.
+    """KL(q || g) of each frame; 0 without instances.
 
     Args:
         scores: b.
         arrivals: of :func:`arrival`.
-        temperatures: how much less than the best arrival still counts.
+        temperature: how much less than the best arrival still counts a third as much.
         scale: what an instance's score should be ahead of another's, over what its arrival is.
         batch: the frame of each instance, sorted.
         num_frames: frames, those without any instance included.
@@ -74,14 +72,12 @@ def goal_divergence(
     Two instances of equal score, of which one should count three times as much; and a frame without any:
 
     >>> b, a = torch.tensor([0.0, 0.0]), torch.tensor([0.0, 0.05 * torch.log(torch.tensor(3.0))])
-    >>> goal_divergence(b, a, [0.05], 200.0, torch.tensor([0, 0]), num_frames=2)
+    >>> goal_divergence(b, a, 0.05, 200.0, torch.tensor([0, 0]), num_frames=2)
     tensor([0.1308, 0.0000])
     """
-    divergences = []
     tiny = torch.finfo(scores.dtype).tiny
-    for temperature in temperatures:
-        wanted = select_out(arrivals / temperature, batch, num_frames)
-        selected = select_out(scores / (scale * temperature), batch, num_frames)
-        terms = wanted * (wanted.clamp_min(tiny).log() - selected.clamp_min(tiny).log())
-        divergences.append(scatter(terms, batch, dim=0, dim_size=num_frames, reduce="sum"))
-    return torch.stack(divergences).mean(dim=0)
+    wanted = select_out(arrivals / temperature, batch, num_frames)
+    selected = select_out(scores / (scale * temperature), batch, num_frames)
+    terms = wanted * (wanted.clamp_min(tiny).log() - selected.clamp_min(tiny).log())
+    divergence: Tensor = scatter(terms, batch, dim=0, dim_size=num_frames, reduce="sum")
+    return divergence

@@ -7,7 +7,6 @@ and "The reward is the weak spot, and how to mend it". The goal term is ours (:m
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final, get_args
 
@@ -43,7 +42,7 @@ class ObjectiveSettings:
         second_samples: s2 of the estimate, for the gradient.
         beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
         goal_weight: weight of the goal term; 0 leaves it out, as the paper does.
-        goal_temperatures: how much less than the best arrival still counts
+        goal_temperature: how much less than the best arrival still counts
             (:func:`~geoskill.objective.goal.goal_divergence`).
         goal_scale: what an instance's score should be ahead of another's, over what its arrival is.
 
@@ -62,7 +61,7 @@ class ObjectiveSettings:
     second_samples: int = 1000
     beta_scale: float = 1.5
     goal_weight: float = 1.0
-    goal_temperatures: Sequence[float] = (0.05, 0.15, 0.45)
+    goal_temperature: float = 0.1
     goal_scale: float = 200.0
 
     def __post_init__(self) -> None:
@@ -72,12 +71,9 @@ class ObjectiveSettings:
         for key in ("rsw_weight", "goal_weight"):
             value = getattr(self, key)
             self._require(key, _is_number(value) and value >= 0, "a number that is not negative")
-        for key in ("beta_scale", "goal_scale"):
+        for key in ("beta_scale", "goal_temperature", "goal_scale"):
             value = getattr(self, key)
             self._require(key, _is_number(value) and value > 0, "a positive number")
-        temperatures = list(self.goal_temperatures)
-        fit = len(temperatures) > 0 and all(_is_number(value) and value > 0 for value in temperatures)
-        self._require("goal_temperatures", fit, "a list of positive numbers such as [0.05,0.15]")
         for key in ("alternatives", "first_samples", "second_samples"):
             value = getattr(self, key)
             is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
@@ -225,7 +221,7 @@ def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, 
     return goal_divergence(
         frames.scores,
         frames.arrivals,
-        settings.goal_temperatures,
+        settings.goal_temperature,
         settings.goal_scale,
         frames.batch,
         frames.num_frames,

@@ -13,11 +13,13 @@ from typing import final
 
 import numpy as np
 import torch
+from torch import Tensor
 from torch.utils.data import Dataset
 
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
+from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.training.journeys import journeys
@@ -114,6 +116,14 @@ class Demonstration(Dataset[Transition]):
 
     def __len__(self) -> int:
         return len(self._transitions)
+
+    def descriptors(self, name: str) -> dict[NodeType, Tensor]:
+        """``[n, D]`` for each of a member's node types: those of all features of all frames."""
+        extractors = self.members[name].extractors
+        return {
+            kind: torch.from_numpy(np.concatenate([found.descriptors for found in self._features[extractor]]))
+            for kind, extractor in extractors.items()
+        }
 
     def __getitem__(self, index: int) -> Transition:
         """For each member, the graphs of the ``first`` and the ``second`` frame of a transition."""

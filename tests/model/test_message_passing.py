@@ -16,7 +16,7 @@ INCOMING = [[1], [0, 2], [1]]
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5), ("direct_dim", 0)]
+    ("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5), ("prototypes", 0)]
 )
 def test_sizes_below_one_are_refused(name: str, value: int) -> None:
     with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
@@ -79,14 +79,14 @@ def test_states_computed_again_give_the_same_gradients(memory_mb: float) -> None
     torch.manual_seed(0)
     descriptors = {POINT: torch.randn(16, 6, dtype=torch.float64, requires_grad=True)}
     index = torch.combinations(torch.arange(16)).T
-    kept = MessagePassing(P2P, hidden_dim=8, layers=3, shared_weights=False, read_out="product", direct_dim=4).double()
+    kept = MessagePassing(P2P, hidden_dim=8, layers=3, shared_weights=False, read_out="product", prototypes=4).double()
     again = MessagePassing(
         P2P,
         hidden_dim=8,
         layers=3,
         shared_weights=False,
         read_out="product",
-        direct_dim=4,
+        prototypes=4,
         memory_mb=memory_mb,
     ).double()
     again.load_state_dict(kept.state_dict())

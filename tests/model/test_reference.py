@@ -5,6 +5,7 @@ from itertools import combinations, permutations
 import pytest
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
@@ -46,15 +47,21 @@ MOTIFS = {
 
 
 def random_case(
-    motif: Motif, dtype: torch.dtype, layers: int, shared: bool, read_out: str = "perceptron", direct: int | None = None
+    motif: Motif,
+    dtype: torch.dtype,
+    layers: int,
+    shared: bool,
+    read_out: str = "perceptron",
+    prototypes: int | None = None,
 ) -> tuple[MessagePassing, dict[NodeType, Tensor], Tensor]:
     """A scorer, descriptors that want gradients, and seven instances that share features."""
     torch.manual_seed(0)
     scorer = MessagePassing(
-        motif, hidden_dim=8, layers=layers, shared_weights=shared, read_out=read_out, direct_dim=direct
+        motif, hidden_dim=8, layers=layers, shared_weights=shared, read_out=read_out, prototypes=prototypes
     ).to(dtype)
+    scorer.remember({kind: normalize(torch.randn(9, dim, dtype=dtype)) for kind, dim in motif.descriptor_dims.items()})
     descriptors = {
-        kind: torch.nn.functional.normalize(torch.randn(5, dim, dtype=dtype)).requires_grad_()
+        kind: normalize(torch.randn(5, dim, dtype=dtype)).requires_grad_()
         for kind, dim in motif.descriptor_dims.items()
     }
     return scorer, descriptors, torch.randint(5, (len(motif.roles), 7))
@@ -63,12 +70,12 @@ def random_case(
 @pytest.mark.parametrize("name", MOTIFS)
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize(
-    ("layers", "read_out", "direct"), [(1, "perceptron", None), (3, "product", 7), (5, "perceptron", None)]
+    ("layers", "read_out", "prototypes"), [(1, "perceptron", None), (3, "product", 7), (5, "perceptron", None)]
 )
 def test_values_and_gradients_equal_the_reference_in_float64(
-    name: str, layers: int, read_out: str, direct: int | None, shared: bool
+    name: str, layers: int, read_out: str, prototypes: int | None, shared: bool
 ) -> None:
-    scorer, descriptors, index = random_case(MOTIFS[name], torch.float64, layers, shared, read_out, direct)
+    scorer, descriptors, index = random_case(MOTIFS[name], torch.float64, layers, shared, read_out, prototypes)
     wanted = [*scorer.parameters(), *descriptors.values()]
     weights = torch.randn(7, dtype=torch.float64)
     dense, reference = scorer(descriptors, index), reference_scores(scorer, descriptors, index)

@@ -58,7 +58,7 @@ def test_the_goal_counts_with_its_weight() -> None:
     arrivals = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, arrivals=arrivals, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, arrivals=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
-    settings = ObjectiveSettings(goal_weight=0.5, goal_temperatures=[0.1], goal_scale=200.0)
+    settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
@@ -205,8 +205,7 @@ def test_float32_is_kept() -> None:
 def test_defaults_are_the_settled_ones() -> None:
     settings = ObjectiveSettings()
     assert (settings.sigma0, settings.rsw_weight, settings.alternatives, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
-    assert (settings.goal_weight, settings.goal_scale) == (1.0, 200.0)
-    assert settings.goal_temperatures == (0.05, 0.15, 0.45)
+    assert (settings.goal_weight, settings.goal_temperature, settings.goal_scale) == (1.0, 0.1, 200.0)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
 
 
@@ -229,8 +228,8 @@ def test_defaults_are_the_settled_ones() -> None:
         ("beta_scale", 0.0, "a positive number"),
         ("beta_scale", math.nan, "a positive number"),
         ("goal_weight", -1.0, "a number that is not negative"),
-        ("goal_temperatures", [0.1, 0.0], "a list of positive numbers such as [0.05,0.15]"),
-        ("goal_temperatures", [], "a list of positive numbers such as [0.05,0.15]"),
+        ("goal_temperature", 0.0, "a positive number"),
+        ("goal_temperature", [0.1], "a positive number"),
         ("goal_scale", math.inf, "a positive number"),
         ("reward", "both", "one of tracked, frame"),
         ("error_reduction", "sum", "one of norm, vector"),

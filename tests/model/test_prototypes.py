@@ -1,0 +1,117 @@
+import math
+from itertools import permutations
+
+import pytest
+import torch
+from torch.nn.functional import normalize
+
+from geoskill.errors import InputError
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.p2l import PointToLine
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.model.prototypes import GAIN, SCALE, PrototypeMixture
+from geoskill.model.scorer import Motif
+
+POINT, LINE = NodeType.POINT, NodeType.LINE
+P2P = Motif.of(PointToPoint(), {POINT: 6})
+P2L = Motif.of(PointToLine(), {POINT: 6, LINE: 9})
+TRIANGLE = Motif(
+    (POINT,) * 3, tuple((i, j) for i in range(3) for j in range(3) if i != j), tuple(permutations(range(3))), {POINT: 6}
+)
+
+
+def features(count: int, dim: int = 6, seed: int = 0) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return normalize(torch.randn(count, dim, generator=generator, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("motif", [P2P, P2L, TRIANGLE], ids=["p2p", "p2l", "triangle"])
+def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
+    torch.manual_seed(0)
+    scorer = PrototypeMixture(motif, prototypes=4, components=2).double()
+    scorer.remember({kind: features(4, dim) for kind, dim in motif.descriptor_dims.items()})
+    given = {kind: features(5, dim, seed=1) for kind, dim in motif.descriptor_dims.items()}
+    index = torch.tensor([[0, 1, 4], [1, 3, 0], [2, 4, 1]])[:, : len(motif.roles)].T
+
+    def likeness(role: int, component: int, feature: int) -> float:
+        kind = motif.roles[role]
+        prototypes, window = scorer.get_buffer(f"{kind}_prototypes"), scorer.get_buffer(f"{kind}_window")
+        weights = scorer.weights[role].detach()[:, component]
+        return sum(
+            math.exp(GAIN * float(weight) + float((given[kind][feature] @ prototype - 1) / window))
+            for weight, prototype in zip(weights, prototypes, strict=True)
+        )
+
+    expected = [
+        SCALE
+        * math.log(
+            sum(
+                math.prod(likeness(role, component, instance[node]) for role, node in enumerate(order))
+                for order in motif.automorphisms
+                for component in range(2)
+            )
+        )
+        for instance in index.T.tolist()
+    ]
+    torch.testing.assert_close(scorer(given, index).tolist(), expected, rtol=0, atol=1e-9)
+
+
+def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
+    scorer = PrototypeMixture(P2P, prototypes=64).double()
+    given = features(16)
+    scorer.remember({POINT: given})
+    nearest = (scorer.get_buffer("point_prototypes") @ given.T).max(dim=1)
+    assert nearest.values.min() > 1 - 1e-12
+    assert set(torch.bincount(nearest.indices, minlength=16).tolist()) <= {3, 4, 5}
+
+
+def test_few_features_are_kept_more_than_once() -> None:
+    scorer = PrototypeMixture(P2P, prototypes=8).double()
+    scorer.remember({POINT: features(1)})
+    torch.testing.assert_close(scorer.get_buffer("point_prototypes"), features(1).expand(8, -1), rtol=0, atol=0)
+
+
+def test_the_farther_from_the_demonstration_the_lower_the_score() -> None:
+    """However far: no plateau on which what is unknown is all the same."""
+    torch.manual_seed(0)
+    scorer = PrototypeMixture(P2P, prototypes=8).double()
+    known = features(8).abs()  # like SIFT's, so that there is a direction away from all of them
+    scorer.remember({POINT: known})
+    steps = torch.linspace(0, 1, 20, dtype=torch.float64)[:, None]
+    path = normalize((1 - steps) * known[0] - steps * normalize(known.mean(dim=0), dim=0))
+    index = torch.stack([torch.arange(20), torch.full((20,), 20)])
+    scores = scorer({POINT: torch.cat([path, known[1:2]])}, index)
+    assert torch.isfinite(scores).all()
+    assert (scores[1:] < scores[:-1]).all()
+    assert scores[-1] < scores[0] - 10 * SCALE
+
+
+def test_far_from_all_prototypes_there_is_still_a_gradient() -> None:
+    """In float32, where the exponentials themselves are zero."""
+    torch.manual_seed(0)
+    scorer = PrototypeMixture(P2P, prototypes=8)
+    known = features(8).float()
+    scorer.remember({POINT: known})
+    scorer.get_buffer("point_window").fill_(1e-3)
+    given = (-known[:2]).requires_grad_()
+    scorer({POINT: given}, torch.tensor([[0], [1]])).sum().backward()
+    assert given.grad is not None
+    assert torch.isfinite(given.grad).all()
+    assert given.grad.abs().max() > 1
+
+
+def test_before_anything_is_remembered_all_instances_are_equal() -> None:
+    scorer = PrototypeMixture(P2P, prototypes=8).double()
+    scores = scorer({POINT: features(4)}, torch.combinations(torch.arange(4)).T)
+    torch.testing.assert_close(scores, scores[:1].expand(6), rtol=0, atol=1e-9)
+
+
+def test_nothing_to_remember_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^no point to remember; expected the demonstration's features$"):
+        PrototypeMixture(P2P, prototypes=8).remember({POINT: torch.zeros(0, 6)})
+
+
+@pytest.mark.parametrize(("name", "value"), [("prototypes", 0), ("components", -1)])
+def test_sizes_below_one_are_refused(name: str, value: int) -> None:
+    with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
+        PrototypeMixture(P2P, **({"prototypes": 4} | {name: value}))
