@@ -16,6 +16,8 @@ FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
 OPTIONAL = (
     "early_stopping.patience",
+    "model.encoder_dim",
+    "model.prototypes",
     "trainer.gradient_clip_val",
     "trainer.limit_train_batches",
     "weight_averaging",

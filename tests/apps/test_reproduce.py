@@ -7,6 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from geoskill.apps.command import configuration_folder
+from geoskill.apps.settings import check_kind
 
 Command = Callable[..., Any]
 
@@ -30,6 +35,22 @@ def test_jobs_must_be_positive(command: Command, tmp_path: Path, demonstration_f
         (tmp_path / name).mkdir()
     ended = command("reproduce", f"artifact.data={tmp_path}", "jobs=0", f"hydra.run.dir={tmp_path / 'run'}")
     assert (ended.status, ended.stderr) == (2, "error: jobs=0: expected at least 1\n")
+
+
+def rows() -> list[str]:
+    folder = Path(configuration_folder()) / "artifact"
+    found = [row for path in sorted(folder.glob("*.yaml")) for row in OmegaConf.load(path).rows.values()]
+    return sorted({override for row in found for override in row})
+
+
+@pytest.mark.parametrize("override", rows())
+def test_what_rows_change_is_what_training_takes(override: str) -> None:
+    key, _, _ = override.partition("=")
+    with initialize_config_dir(configuration_folder(), version_base="1.3"):
+        default, changed = compose("train"), compose("train", [override])
+    if "." in key:  # one value; a group has been composed, which refuses what there is not
+        check_kind(key, OmegaConf.select(changed, key), OmegaConf.select(default, key))
+        assert OmegaConf.select(changed, key) != OmegaConf.select(default, key)
 
 
 @pytest.mark.slow

@@ -1,0 +1,1 @@
+"""Times and memory of the work of one frame and of one training step, beside other ways to do the same."""

@@ -1,0 +1,125 @@
+"""What is measured: a kernel, a network and a number of features, and the ways to do the work of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, final
+
+import torch
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from geoskill.benchmarks.measurement import Work
+from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
+from geoskill.benchmarks.products import needed_products, product_work
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.kernel import Kernel
+from geoskill.model.message_passing import MessagePassing
+from geoskill.model.scorer import InstanceScorer, Motif
+from geoskill.objective.selection import select_out
+
+Way = Literal["ours", "plain", "products"]
+Job = Literal["select_out", "training"]
+# SIFT with colours, and the line band descriptor.
+DESCRIPTOR_DIMS = {NodeType.POINT: 138, NodeType.LINE: 72}
+
+
+@final
+@dataclass(frozen=True)
+class Case:
+    """One cell of the table.
+
+    Attributes:
+        job: ``select_out`` is the scores of one frame and their softmax; ``training`` is a step of Adam on them.
+        kernel: a file of ``conf/kernel``.
+        model: a file of ``conf/model``.
+        features: of each of the kernel's types.
+        folder: of the configuration.
+        device: of PyTorch.
+        threads: of PyTorch.
+    """
+
+    job: Job
+    kernel: str
+    model: str
+    features: int
+    folder: str
+    device: str
+    threads: int
+
+    def ways(self) -> tuple[Way, ...]:
+        """Those that there are: only message passing has another way to be written."""
+        return ("ours", "plain", "products") if isinstance(self._scorer(), MessagePassing) else ("ours",)
+
+    def instances(self) -> int:
+        """How many there are."""
+        return self._kernel().instances(self._counts()).shape[1]
+
+    def _kernel(self) -> Kernel:
+        kernel: Kernel = instantiate(_configured(self.folder, "kernel", self.kernel)[self.kernel])
+        return kernel
+
+    def _counts(self) -> dict[NodeType, int]:
+        return dict.fromkeys(self._kernel().roles, self.features)
+
+    def _scorer(self) -> InstanceScorer:
+        torch.manual_seed(0)
+        kernel = self._kernel()
+        make = instantiate(_configured(self.folder, "model", self.model))
+        scorer: InstanceScorer = make(Motif.of(kernel, {kind: DESCRIPTOR_DIMS[kind] for kind in kernel.roles}))
+        return scorer.to(self.device)
+
+
+def _configured(folder: str, group: str, name: str) -> DictConfig:
+    found = OmegaConf.load(Path(folder) / group / f"{name}.yaml")
+    assert isinstance(found, DictConfig)
+    return found
+
+
+def prepare(case: Case, way: Way) -> Work:
+    """The work of a case in one of its ways, with everything made that is there beforehand."""
+    torch.set_num_threads(case.threads)
+    scorer, counts = case._scorer(), case._counts()
+    descriptors = {
+        kind: normalize(torch.randn(count, DESCRIPTOR_DIMS[kind], device=case.device)) for kind, count in counts.items()
+    }
+    index = case._kernel().instances(counts).to(case.device)
+    if way == "products":
+        assert isinstance(scorer, MessagePassing)
+        # A backward pass has two products for each.
+        times = 3 if case.job == "training" else 1
+        return product_work(needed_products(scorer, counts, index.shape[1]), case.device, torch.float32, times)
+    if way == "plain":
+        assert isinstance(scorer, MessagePassing)
+        network, batch = PlainNetwork(scorer), batch_of_instances(scorer, descriptors, index)
+
+        def scores() -> Tensor:
+            found: Tensor = network(batch)
+            return found
+    else:
+
+        def scores() -> Tensor:
+            found: Tensor = scorer(descriptors, index)
+            return found
+
+    return _work(case.job, scorer, scores, index.shape[1], case.device)
+
+
+def _work(job: Job, scorer: InstanceScorer, scores: Callable[[], Tensor], count: int, device: str) -> Work:
+    frame = torch.zeros(count, dtype=torch.long, device=device)
+    # What instances earn; which it is makes no difference to the time.
+    earned = torch.linspace(-1.0, 1.0, count, device=device)
+    optimizer = torch.optim.Adam(scorer.parameters(), lr=1e-3)
+
+    def frame_work() -> Tensor:
+        with torch.no_grad():
+            return select_out(scores(), frame, 1)
+
+    def step() -> None:
+        optimizer.zero_grad()
+        torch.autograd.backward((select_out(scores(), frame, 1) * earned).sum())
+        optimizer.step()
+
+    return frame_work if job == "select_out" else step

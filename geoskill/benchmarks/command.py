@@ -1,0 +1,90 @@
+"""What both benchmarks do: go through kernels, models and numbers of features as long as there is time."""
+
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from geoskill.apps.command import configuration_folder, run_command
+from geoskill.apps.progress import quiet_libraries
+from geoskill.benchmarks.cases import Case, Job, prepare
+from geoskill.benchmarks.measurement import Figures, Work, peak_memory_mb, times_in_turn
+from geoskill.benchmarks.table import Row, markdown, write_report
+from geoskill.errors import InputError
+
+
+def run_benchmark(job: Job) -> None:
+    """Measure, print the table, and write it where ``hydra.run.dir`` says."""
+
+    def measure(cfg: DictConfig) -> None:
+        """Measure."""
+        _check(cfg)
+        quiet_libraries()
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        rows: list[Row] = []
+        for model in cfg.models:
+            for kernel in cfg.kernels:
+                for row in _growing(cfg, job, kernel, model):
+                    rows.append(row)
+                    print(markdown([row]).splitlines()[-1], flush=True)
+                    # After every row: what has been measured is not lost when the rest takes too long.
+                    write_report(rows, _machine(cfg), folder, job)
+        print("\n" + markdown(rows))
+        print(folder)
+
+    run_command("benchmark", measure)
+
+
+def _growing(cfg: DictConfig, job: Job, kernel: str, model: str) -> Iterator[Row]:
+    """Rows of more and more features, until the work of the next is expected to take too long."""
+    before: Row | None = None
+    for features in sorted(cfg.features):
+        case = Case(job, kernel, model, features, configuration_folder(), cfg.device, cfg.threads)
+        instances = case.instances()
+        if before is not None:
+            slowest = max(way.median_s for way in before.ways.values())
+            if slowest * instances / max(before.instances, 1) > cfg.limit_s:
+                return
+        ways: dict[str, Work] = {way: prepare(case, way) for way in case.ways()}
+        times = times_in_turn(ways, cfg.repeats)
+        figures = {
+            way: Figures(times[way], None if way == "products" else peak_memory_mb(work)) for way, work in ways.items()
+        }
+        before = Row(kernel, model, features, instances, figures)
+        yield before
+
+
+def _check(cfg: DictConfig) -> None:
+    folder = Path(configuration_folder())
+    for key, group in (("kernels", "kernel"), ("models", "model")):
+        known = sorted(path.stem for path in (folder / group).glob("*.yaml"))
+        for name in cfg[key]:
+            if name not in known:
+                raise InputError(f"{key}={name}: expected some of {', '.join(known)}")
+    for features in cfg.features:
+        if not isinstance(features, int) or features < 2:
+            raise InputError(f"features={features}: expected whole numbers of at least 2")
+    for key in ("repeats", "threads"):
+        if cfg[key] < 1:
+            raise InputError(f"{key}={cfg[key]}: expected at least 1")
+    if cfg.limit_s <= 0:
+        raise InputError(f"limit_s={cfg.limit_s:g}: expected a positive number of seconds")
+    if cfg.device not in ("cpu", "cuda"):
+        raise InputError(f"device={cfg.device}: expected cpu or cuda")
+    if cfg.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device=cuda: PyTorch finds no GPU here; expected device=cpu")
+
+
+def _machine(cfg: DictConfig) -> dict[str, Any]:
+    gpu = torch.cuda.get_device_name() if cfg.device == "cuda" else None
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "gpu": gpu,
+        "threads": cfg.threads,
+        "torch": torch.__version__,
+        "repeats": cfg.repeats,
+    }

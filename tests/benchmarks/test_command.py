@@ -1,0 +1,66 @@
+"""``python -m geoskill.benchmarks.select_out`` and ``.training``: whole small ones, and their refusals."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SMALL = ("models=[default,bilinear]", "kernels=[p2p]", "repeats=2", "threads=1")
+
+
+def run(job: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", f"geoskill.benchmarks.{job}", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("job", ["select_out", "training"])
+def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
+    ended = run(job, *SMALL, "features=[8,4]", f"hydra.run.dir={tmp_path}")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert "| p2p | bilinear | 8 | 28 |" in ended.stdout
+    content = json.loads((tmp_path / f"{job}.json").read_text())
+    assert [(row["model"], row["features"], row["instances"]) for row in content["rows"]] == [
+        ("default", 4, 6),
+        ("default", 8, 28),
+        ("bilinear", 4, 6),
+        ("bilinear", 8, 28),
+    ]
+    assert content["machine"]["threads"] == 1
+    for row in content["rows"]:
+        ways = {"ours", "plain", "products"} & row.keys()
+        assert ways == ({"ours", "plain", "products"} if row["model"] == "default" else {"ours"})
+        for way in ways:
+            assert len(row[way]["seconds"]) == 2
+            assert (row[way]["peak_mb"] is None) == (way == "products")
+    assert (tmp_path / f"{job}.md").read_text().count("\n") == 6
+    assert (tmp_path / f"{job}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
+    ended = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
+    assert ended.returncode == 0
+    rows = json.loads((tmp_path / "select_out.json").read_text())["rows"]
+    assert [row["features"] for row in rows] == [8, 8]
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("kernels=[p2p,p2q]", "kernels=p2q: expected some of "),
+        ("models=[large]", "models=large: expected some of bilinear, default, paper, prototypes"),
+        ("features=[1]", "features=1: expected whole numbers of at least 2"),
+        ("repeats=0", "repeats=0: expected at least 1"),
+        ("threads=0", "threads=0: expected at least 1"),
+        ("limit_s=-1", "limit_s=-1: expected a positive number of seconds"),
+        ("device=tpu", "device=tpu: expected cpu or cuda"),
+        ("feature=[8]", "Could not override 'feature'"),
+    ],
+)
+def test_bad_input(argument: str, message: str, tmp_path: Path) -> None:
+    ended = run("select_out", argument, f"hydra.run.dir={tmp_path}")
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(f"error: {message}")
+    assert ended.stderr.count("\n") == 1
