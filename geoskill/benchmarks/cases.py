@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from geoskill.apps.command import configuration_folder
 from geoskill.benchmarks.measurement import Work
 from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
 from geoskill.benchmarks.products import needed_products, product_work
@@ -36,7 +37,6 @@ class Case:
         kernel: a file of ``conf/kernel``.
         model: a file of ``conf/model``.
         features: of each of the kernel's types.
-        folder: of the configuration.
         device: of PyTorch.
         threads: of PyTorch.
     """
@@ -45,35 +45,37 @@ class Case:
     kernel: str
     model: str
     features: int
-    folder: str
     device: str
     threads: int
 
     def ways(self) -> tuple[Way, ...]:
         """Those that there are: only message passing has another way to be written."""
-        return ("ours", "plain", "products") if isinstance(self._scorer(), MessagePassing) else ("ours",)
+        return ("ours", "plain", "products") if isinstance(self.build_scorer(), MessagePassing) else ("ours",)
 
     def instances(self) -> int:
         """How many there are."""
-        return self._kernel().instances(self._counts()).shape[1]
+        return self.build_kernel().instances(self.counts()).shape[1]
 
-    def _kernel(self) -> Kernel:
-        kernel: Kernel = instantiate(_configured(self.folder, "kernel", self.kernel)[self.kernel])
+    def build_kernel(self) -> Kernel:
+        """The kernel."""
+        kernel: Kernel = instantiate(_configured("kernel", self.kernel)[self.kernel])
         return kernel
 
-    def _counts(self) -> dict[NodeType, int]:
-        return dict.fromkeys(self._kernel().roles, self.features)
+    def counts(self) -> dict[NodeType, int]:
+        """Features of each type."""
+        return dict.fromkeys(self.build_kernel().roles, self.features)
 
-    def _scorer(self) -> InstanceScorer:
+    def build_scorer(self) -> InstanceScorer:
+        """The network, always with the same weights."""
         torch.manual_seed(0)
-        kernel = self._kernel()
-        make = instantiate(_configured(self.folder, "model", self.model))
+        kernel = self.build_kernel()
+        make = instantiate(_configured("model", self.model))
         scorer: InstanceScorer = make(Motif.of(kernel, {kind: DESCRIPTOR_DIMS[kind] for kind in kernel.roles}))
         return scorer.to(self.device)
 
 
-def _configured(folder: str, group: str, name: str) -> DictConfig:
-    found = OmegaConf.load(Path(folder) / group / f"{name}.yaml")
+def _configured(group: str, name: str) -> DictConfig:
+    found = OmegaConf.load(Path(configuration_folder()) / group / f"{name}.yaml")
     assert isinstance(found, DictConfig)
     return found
 
@@ -81,11 +83,11 @@ def _configured(folder: str, group: str, name: str) -> DictConfig:
 def prepare(case: Case, way: Way) -> Work:
     """The work of a case in one of its ways, with everything made that is there beforehand."""
     torch.set_num_threads(case.threads)
-    scorer, counts = case._scorer(), case._counts()
+    scorer, counts = case.build_scorer(), case.counts()
     descriptors = {
         kind: normalize(torch.randn(count, DESCRIPTOR_DIMS[kind], device=case.device)) for kind, count in counts.items()
     }
-    index = case._kernel().instances(counts).to(case.device)
+    index = case.build_kernel().instances(counts).to(case.device)
     if way == "products":
         assert isinstance(scorer, MessagePassing)
         # A backward pass has two products for each.

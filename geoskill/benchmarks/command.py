@@ -43,7 +43,7 @@ def _growing(cfg: DictConfig, job: Job, kernel: str, model: str) -> Iterator[Row
     """Rows of more and more features, until the work of the next is expected to take too long."""
     before: Row | None = None
     for features in sorted(cfg.features):
-        case = Case(job, kernel, model, features, configuration_folder(), cfg.device, cfg.threads)
+        case = Case(job, kernel, model, features, cfg.device, cfg.threads)
         instances = case.instances()
         if before is not None:
             slowest = max(way.median_s for way in before.ways.values())

@@ -71,7 +71,7 @@ def test_the_products_are_those_of_the_network(kernel: Kernel, read_out: str) ->
 @pytest.mark.parametrize("job", ["select_out", "training"])
 @pytest.mark.parametrize("model", ["default", "bilinear", "prototypes"])
 def test_every_way_can_be_done_again_and_again(job: str, model: str) -> None:
-    case = Case(job, "p2p", model, 5, configuration_folder(), "cpu", torch.get_num_threads())  # type: ignore[arg-type]
+    case = Case(job, "p2p", model, 5, "cpu", torch.get_num_threads())  # type: ignore[arg-type]
     assert case.instances() == 10
     assert case.ways() == (("ours", "plain", "products") if model == "default" else ("ours",))
     for way in case.ways():
