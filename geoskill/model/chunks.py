@@ -23,7 +23,7 @@ Score = Callable[[Int64[Tensor, "k c"]], Float[Tensor, " c"]]
 
 
 def in_chunks(
-    score: Score, instance_index: Int64[Tensor, "k m"], *, working_bytes: int, saved_bytes: int, memory_bytes: float
+    score: Score, instance_index: Int64[Tensor, "k m"], *, working_bytes: int, saved_bytes: float, memory_bytes: float
 ) -> Float[Tensor, " m"]:
     """The scores of all instances.
 

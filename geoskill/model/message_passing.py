@@ -1,7 +1,7 @@
 """Message passing over the motif: the paper's network (section III-B, after Gilmer et al., ICML 2017)."""
 
 from collections.abc import Mapping, Sequence
-from typing import final
+from typing import NamedTuple, final
 
 import torch
 from jaxtyping import Float, Int64
@@ -15,9 +15,9 @@ from geoskill.model.prototypes import PrototypeMixture
 from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
 
-# Numbers that autograd keeps of each node and step, as multiples of its state: 13.7 and 12.7 are measured
+# Numbers that autograd keeps of each node and step, as multiples of its state: 13.6 and 12.6 are measured
 # (test_message_passing.py), the read-out included.
-SAVED_PER_STEP = 14
+SAVED_PER_STEP = 13.8
 
 
 @final
@@ -41,13 +41,41 @@ class MessageLayer(nn.Module):
         message: Tensor = self.output(torch.relu(self.source(source) + self.destination(destination)))
         return message
 
-    def project(self, states: Float[Tensor, "... h"]) -> Float[Tensor, "... 5*h"]:
-        """All linear functions of a state in one product: as a source, as a destination, and in the unit's gates."""
-        weight = torch.cat([self.source.weight, self.destination.weight, self.update.weight_hh])
-        bias = torch.cat([self.source.bias, torch.zeros_like(self.source.bias), self.update.bias_hh])
-        return nn.functional.linear(states, weight, bias)
+    def fused(self) -> "FusedLayer":
+        """The same step with as few products as it needs; what is made of the weights alone is made here, once."""
+        source, update = self.source, self.update
+        return FusedLayer(
+            torch.cat([source.weight, self.destination.weight, update.weight_hh]),
+            torch.cat([source.bias, torch.zeros_like(source.bias), update.bias_hh]),
+            update.weight_ih @ self.output.weight,
+            update.bias_ih,
+            nn.functional.linear(self.output.bias, update.weight_ih),
+        )
 
-    def forward(
+
+@final
+class FusedLayer(NamedTuple):
+    """A :class:`MessageLayer`'s weights, joined.
+
+    Attributes:
+        weight: ``[5 h, h]``, all that is linear in a state: as a source, as a destination, and in the unit's gates.
+        bias: ``[5 h]``, of these.
+        received_weight: ``[3 h, h]``, from the summed inner layer of the messages to the gates.
+        received_bias: ``[3 h]``, of the gates.
+        message_bias: ``[3 h]``, what every message adds to them.
+    """
+
+    weight: Tensor
+    bias: Tensor
+    received_weight: Tensor
+    received_bias: Tensor
+    message_bias: Tensor
+
+    def project(self, states: Float[Tensor, "... h"]) -> Float[Tensor, "... 5*h"]:
+        """All linear functions of a state in one product."""
+        return nn.functional.linear(states, self.weight, self.bias)
+
+    def next_states(
         self,
         states: Float[Tensor, "k m h"],
         projected: Float[Tensor, "k m 5*h"],
@@ -68,10 +96,9 @@ class MessageLayer(nn.Module):
             torch.stack([torch.relu(sources[i] + destinations[node]) for i in senders]).sum(dim=0)
             for node, senders in enumerate(incoming)
         ]
-        weight = self.update.weight_ih @ self.output.weight
         counts = states.new_tensor([len(senders) for senders in incoming])[:, None, None]
-        from_bias = nn.functional.linear(self.output.bias, self.update.weight_ih)
-        received = nn.functional.linear(torch.stack(inner), weight) + (self.update.bias_ih + counts * from_bias)
+        received = nn.functional.linear(torch.stack(inner), self.received_weight)
+        received = received + (self.received_bias + counts * self.message_bias)
         reset, keep = torch.sigmoid((received + own)[..., : 2 * hidden_dim]).chunk(2, dim=-1)
         proposed = torch.tanh(received[..., 2 * hidden_dim :] + reset * own[..., 2 * hidden_dim :])
         return proposed + keep * (states - proposed)
@@ -142,18 +169,20 @@ class MessagePassing(InstanceScorer):
         """See :meth:`InstanceScorer.forward`."""
         hidden = self.encoder(descriptors)
         # In the first step, a feature's state is the same in all of its instances, and so is all that is linear in it.
-        projected = {kind: self.layer(0).project(states) for kind, states in hidden.items()}
+        fused = [layer.fused() for layer in map(self.layer, range(len(self.layers)))]
+        projected = {kind: fused[0].project(states) for kind, states in hidden.items()}
         scores = in_chunks(
-            lambda index: self._score(hidden, projected, index),
+            lambda index: self._score(fused, hidden, projected, index),
             instance_index,
-            working_bytes=self._bytes_per_instance(5),
-            saved_bytes=self._bytes_per_instance(SAVED_PER_STEP * self.steps),
+            working_bytes=5 * self._bytes_of_states(),
+            saved_bytes=SAVED_PER_STEP * self.steps * self._bytes_of_states(),
             memory_bytes=MIB * self.memory_mb,
         )
         return scores if self.direct is None else scores + self.direct(descriptors, instance_index)
 
     def _score(
         self,
+        fused: Sequence[FusedLayer],
         hidden: Mapping[NodeType, Float[Tensor, "n h"]],
         projected: Mapping[NodeType, Float[Tensor, "n 5*h"]],
         instance_index: Int64[Tensor, "k m"],
@@ -164,11 +193,11 @@ class MessagePassing(InstanceScorer):
         sent = torch.stack([projected[role][row] for role, row in places])
         incoming = [[i for i, j in self.motif.edges if j == node] for node in range(len(places))]
         for step in range(self.steps):
-            layer = self.layer(step)
-            states = layer(states, sent if step == 0 else layer.project(states), incoming)
+            layer = fused[step % len(fused)]
+            states = layer.next_states(states, sent if step == 0 else layer.project(states), incoming)
         scores: Tensor = self.read_out(list(states))
         return scores
 
-    def _bytes_per_instance(self, states: int) -> int:
-        """Of so many single-precision states at each node."""
-        return 4 * states * self.hidden_dim * len(self.motif.roles)
+    def _bytes_of_states(self) -> int:
+        """Of one single-precision state at each node of an instance."""
+        return 4 * self.hidden_dim * len(self.motif.roles)

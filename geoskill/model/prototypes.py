@@ -30,7 +30,7 @@ WINDOW_SHARE = 0.055
 # Weights are this many times their parameters, which Adam moves by about its rate in each step: some hundred steps must
 # be able to tell a prototype of the task from one of the background, which takes several nats.
 GAIN = 10.0
-# Learned, it stays within a fifth of this.
+# Fixed: when it was learned, it stayed within a fifth of this.
 SCALE = 4.0
 
 
@@ -77,7 +77,8 @@ class PrototypeMixture(InstanceScorer):
             prototypes.copy_(rows[places])
             apart = 1.0 - prototypes @ prototypes.T
             window = WINDOW_SHARE * apart[~torch.eye(len(apart), dtype=torch.bool)].median()
-            self.get_buffer(f"{kind}_window").copy_(window)
+            if window > 0:  # not of a single feature, which is apart from nothing
+                self.get_buffer(f"{kind}_window").copy_(window)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]

@@ -42,7 +42,8 @@ def test_messages_are_summed_at_the_node() -> None:
     layer = MessageLayer(4).double()
     left, middle, right = torch.randn(3, 5, 4, dtype=torch.float64)
     states = torch.stack([left, middle, right])
-    updated = layer(states, layer.project(states), INCOMING)
+    fused = layer.fused()
+    updated = fused.next_states(states, fused.project(states), INCOMING)
     both = layer.message(left, middle) + layer.message(right, middle)
     torch.testing.assert_close(updated[1], layer.update(both, middle), rtol=0, atol=1e-12)
     torch.testing.assert_close(updated[0], layer.update(layer.message(middle, left), left), rtol=0, atol=1e-12)
@@ -59,10 +60,10 @@ def test_a_message_tells_its_source_from_its_destination() -> None:
 def test_a_step_carries_information_one_edge_further(steps: int, reached: bool) -> None:
     """The end of a path hears of the other end in the second step."""
     torch.manual_seed(0)
-    layer = MessageLayer(4)
+    fused = MessageLayer(4).fused()
     states = start = torch.randn(3, 1, 4, requires_grad=True)
     for _ in range(steps):
-        states = layer(states, layer.project(states), INCOMING)
+        states = fused.next_states(states, fused.project(states), INCOMING)
     (gradient,) = torch.autograd.grad(states[2].sum(), start)
     assert bool(gradient[0].any()) == reached
 

@@ -65,6 +65,15 @@ def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
     assert set(torch.bincount(nearest.indices, minlength=16).tolist()) <= {3, 4, 5}
 
 
+@pytest.mark.parametrize("prototypes", [1, 8])
+def test_a_single_feature_is_likeness_enough(prototypes: int) -> None:
+    scorer = PrototypeMixture(P2P, prototypes=prototypes).double()
+    scorer.remember({POINT: features(1)})
+    like, unlike = scorer({POINT: torch.cat([features(1), -features(1)])}, torch.tensor([[0, 1], [0, 1]]))
+    assert torch.isfinite(unlike)
+    assert like > unlike
+
+
 def test_few_features_are_kept_more_than_once() -> None:
     scorer = PrototypeMixture(P2P, prototypes=8).double()
     scorer.remember({POINT: features(1)})
