@@ -219,7 +219,7 @@ def test_the_paper_taken_literally() -> None:
     )
     # Section IV-A, training and results.
     assert cfg.features.max_features == 60
-    assert (cfg.inference.alternatives, cfg.inference.minimum_confidence) == (10, 0.1)
+    assert (cfg.inference.alternatives, cfg.inference.minimum_weight) == (10, 0.1)
     # Of what the paper does not have, nothing: every change of state once an iteration, pictures as they are.
     assert (cfg.trainer.limit_train_batches, cfg.trainer.gradient_clip_val) == (None, None)
     assert cfg.early_stopping.patience is None

@@ -23,7 +23,7 @@ def evaluate(cfg: DictConfig) -> None:
         InputError: for an unusable skill, video or regions file.
     """
     from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store, load_skill, required
+    from geoskill.apps.inputs import array_store, load_skill, require_selection, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import score, score_viewpoint
@@ -40,6 +40,7 @@ def evaluate(cfg: DictConfig) -> None:
         required(cfg, "regions", "a JSON file of labelled regions")
     if cfg.every < 1:
         raise InputError(f"every={cfg.every}: expected at least 1")
+    require_selection(cfg.inference)
     skill = load_skill(cfg)
     choices, store = HydraConfig.get().runtime.choices, array_store(cfg)
     if simulated:
@@ -49,7 +50,7 @@ def evaluate(cfg: DictConfig) -> None:
         video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
         footage = video_footage(OmegaConf.create(video), minimum=1)
     assert footage.labels is not None
-    figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference.temporal)
+    figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference)
     if footage.recording is not None:
         from geoskill.evaluation.baseline import track_hand_picked_pairs
 

@@ -14,7 +14,7 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.camera import Camera
 from geoskill.features.frames import FrameSource
 from geoskill.features.sources import open_frames
-from geoskill.skill.association import InferenceResult
+from geoskill.skill.association import InferenceResult, without_doubtful
 from geoskill.skill.skill import Skill
 from geoskill.skill.steady import SteadySkill
 
@@ -64,25 +64,29 @@ def array_store(cfg: DictConfig) -> ArrayStore | None:
     return ArrayStore(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
 
 
-def require_temporal(temporal: str) -> None:
-    """Refuse what is no way to select over time.
+def require_selection(inference: DictConfig) -> None:
+    """Refuse what is no way to select.
 
     Raises:
-        InputError: when it is neither ``none`` nor ``filter``.
+        InputError: when ``temporal`` is neither ``none`` nor ``filter``, or ``abstain`` not from 0 to 1.
     """
-    if temporal not in ("none", "filter"):
-        raise InputError(f"inference.temporal={temporal}: expected none or filter")
+    if inference.temporal not in ("none", "filter"):
+        raise InputError(f"inference.temporal={inference.temporal}: expected none or filter")
+    if not 0 <= inference.abstain <= 1:
+        raise InputError(f"inference.abstain={inference.abstain}: expected a confidence from 0 (never) to 1")
 
 
-def selection(skill: Skill, temporal: str) -> Infer:
+def selection(skill: Skill, inference: DictConfig) -> Infer:
     """What selects associations in the frames of one video, in the order of time.
 
     Args:
         skill: scores them.
-        temporal: ``none`` for each frame by itself, ``filter`` to keep what was selected (:class:`SteadySkill`).
+        inference: has ``temporal``, ``none`` for each frame by itself or ``filter`` to keep what was selected
+            (:class:`SteadySkill`), and ``abstain``, the confidence below which nothing is selected.
 
     Raises:
-        InputError: when it is something else.
+        InputError: when it has something else.
     """
-    require_temporal(temporal)
-    return skill.infer if temporal == "none" else SteadySkill(skill).infer
+    require_selection(inference)
+    select = skill.infer if inference.temporal == "none" else SteadySkill(skill).infer
+    return lambda frame: without_doubtful(select(frame), inference.abstain)

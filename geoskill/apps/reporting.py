@@ -29,7 +29,7 @@ def write_inference(
     frames: Iterable[Frame],
     source: FrameSource,
     folder: Path,
-    minimum_confidence: float,
+    minimum_weight: float,
     metrics: Mapping[str, int | float],
 ) -> dict[str, Any]:
     """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
@@ -43,7 +43,7 @@ def write_inference(
         frames: one after the other; may be endless.
         source: gives the name and the frame rate.
         folder: an existing folder.
-        minimum_confidence: associations below it are not drawn.
+        minimum_weight: of the select-out; other associations than the best are not drawn below it.
         metrics: figures to add where there are none of the same name.
 
     Raises:
@@ -71,7 +71,7 @@ def write_inference(
                         result.associations,
                         frame_index=frame.index,
                         title=title,
-                        minimum_confidence=minimum_confidence,
+                        minimum_weight=minimum_weight,
                         reasons=[f"{kernel}: {reason}" for (kernel, _), reason in result.reasons.items()],
                     )
                 )

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps.command import run_command
 from geoskill.errors import InputError
-from geoskill.evaluation.tables import accuracies, as_csv, details, overview
+from geoskill.evaluation.tables import accuracies, as_csv, details, overview, reliability_of
 
 QUICK_TRAINING = ("trainer.max_epochs=2",)
 QUICK_EVERY = 10
@@ -76,7 +76,7 @@ def _write(
     scores: Mapping[str, Sequence[Mapping[str, Any]]],
     curves: Mapping[str, Sequence[Path]],
 ) -> None:
-    from geoskill.viz.bars import plot_bars, plot_trainings
+    from geoskill.viz.bars import plot_bars, plot_reliability, plot_trainings
 
     tests = list(artifact["tests"])
     published = dict(artifact["published"])
@@ -88,6 +88,7 @@ def _write(
     (folder / "table.json").write_text(json.dumps({"scores": scores, "published": published}, indent=2), "utf-8")
     rows = {row: [accuracies(seeds, test) for test in tests] for row, seeds in scores.items()}
     plot_bars(tests, rows, published, folder / "accuracy.png")
+    plot_reliability({row: reliability_of(seeds, tests) for row, seeds in scores.items()}, folder / "reliability.png")
     plot_trainings(curves, folder / "training.png")
 
 

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omegaconf import DictConfig
+
 from geoskill.apps.inputs import selection
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
@@ -35,20 +37,20 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
 
 
 def score(
-    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, temporal: str
+    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, inference: DictConfig
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Figures over all judged frames, and a row for each member and judged frame.
 
     Raises:
-        InputError: when no frame to be judged is labelled, or there is no such selection over time.
+        InputError: when no frame to be judged is labelled, or there is no such selection (:func:`selection`).
     """
     return evaluate_frames(
         frames,
-        selection(skill, temporal),
+        selection(skill, inference),
         labels,
         [(member.kernel, member.descriptor) for member in skill.members.values()],
         every=every,
-        continuous=temporal != "none",
+        continuous=inference.temporal != "none",
         progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
     )
 

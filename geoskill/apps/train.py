@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,7 @@ def train(cfg: DictConfig) -> None:
     import torch
 
     from geoskill.apps.footage import DEMONSTRATION, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store, require_temporal, selection
+    from geoskill.apps.inputs import array_store, require_selection, selection
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
     from geoskill.apps.scoring import score
@@ -55,6 +56,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.skill.skill import Skill, read_checkpoint
     from geoskill.training.callbacks import MetricsTable
     from geoskill.training.changes import fit_reward_scale
+    from geoskill.training.confidence import fit_usual_lead
     from geoskill.training.datamodule import TransitionData
     from geoskill.training.demonstration import Demonstration
     from geoskill.training.module import SkillTraining
@@ -62,7 +64,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.viz.curves import plot_training
 
     quiet_libraries()
-    require_temporal(cfg.inference.temporal)
+    require_selection(cfg.inference)
     if cfg.threads is not None:
         torch.set_num_threads(cfg.threads)
     folder = Path(HydraConfig.get().runtime.output_dir)
@@ -135,17 +137,21 @@ def train(cfg: DictConfig) -> None:
     if not trainer.is_global_zero:
         return
 
+    fit_usual_lead(parts.members, demonstration)  # of the averaged weights, which the members have now
+    _complete(folder / CHECKPOINT, parts.members)
     plot_training(folder / "metrics.csv", folder / "training.png")
     skill = Skill(parts)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     if footage.labels is not None:
-        figures, _ = score(skill, frames, footage.labels, cfg.task.every, cfg.inference.temporal)
+        # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.
+        always = DictConfig({**cfg.inference, "abstain": 0.0})
+        figures, _ = score(skill, frames, footage.labels, cfg.task.every, always)
         figures["judged_frames"] = figures["frames"]
         # Figures of training and of all frames keep their meaning, labelled or not.
         metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
-    infer = selection(skill, cfg.inference.temporal)
-    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_confidence, metrics)
+    infer = selection(skill, cfg.inference)
+    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_weight, metrics)
     _log_results(trainer, folder, summary)
     print(folder)
 
@@ -215,6 +221,23 @@ def _fit(trainer: Trainer, module: Any, data: Any, checkpoint: str | None, folde
                 sys.stdout.flush()
             sys.exit(INTERRUPTED)
         raise
+
+
+def _complete(path: Path, members: Mapping[str, Any]) -> None:
+    """Add to a checkpoint what could be fitted only after the training."""
+    import torch
+
+    from geoskill.skill.skill import read_checkpoint
+
+    checkpoint = read_checkpoint(path)
+    for name, member in members.items():
+        checkpoint["state_dict"][f"members.{name}.usual_lead"] = member.usual_lead
+    temporary = path.with_suffix(".ckpt.part")
+    try:
+        torch.save(checkpoint, temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _check_processes(trainer: Trainer) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, final
 
+from geoskill.evaluation.calibration import expected_calibration_error, reliability
 from geoskill.evaluation.consistency import autocorrelation
 from geoskill.evaluation.goal import STRICT_M, GoalVerdict, judge_at_goal
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Region
@@ -30,6 +31,8 @@ _RATES = (
     "attainable_goal_error_mm",
     "hand_rate",
     "mean_confidence",
+    "expected_calibration_error",
+    "precision",
     "rsw",
     "switches_per_frame",
     "error_autocorrelation",
@@ -48,7 +51,7 @@ class FrameVerdict:
         correct: whether the top association is right.
         hits_hand: whether a node of the top association is on the hand.
         confidence: that of the top association; 0 without one.
-        rsw: residual sum of weights, 1 minus the confidences of the listed associations; 1 without any.
+        rsw: residual sum of weights, 1 minus the weights of the listed associations; 1 without any.
         error: norm of the top association's control error, or None without one.
         goal: what becomes of the top association when the task is done; None where the labels do not know.
     """
@@ -96,7 +99,7 @@ def judge_frame(
         correct=joins_object_and_target(nodes, regions, tolerance_px),
         hits_hand=any(regions.label(node.centre, tolerance_px) is Region.HAND for node in nodes),
         confidence=0.0 if top is None else float(top.confidence),
-        rsw=min(1.0, max(0.0, 1.0 - sum(float(association.confidence) for association in listed))),
+        rsw=min(1.0, max(0.0, 1.0 - sum(float(association.weight) for association in listed))),
         error=None if top is None else math.hypot(*top.error),
         goal=judge_at_goal(kernel, nodes, features, regions),
     )
@@ -148,6 +151,10 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
     frame without any association has no hand hit, confidence 0 and RSW 1. ``switches_per_frame`` is over the comparable
     transitions.
 
+    ``precision`` is the share of right ones among the frames with an association, feasible or not. It is the accuracy
+    that ``expected_calibration_error`` and ``reliability`` compare confidence with
+    (:mod:`geoskill.evaluation.calibration`).
+
     ``strict_accuracy`` is over the frames whose features allow an association that meets within 3 mm when the task is
     done (``strictly_feasible_frames``), ``goal_error_mm`` the median error then of right top associations.
     """
@@ -158,6 +165,8 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
         if verdict.correct and verdict.goal is not None and verdict.goal.error_m is not None
     ]
     feasible = [verdict for verdict in verdicts if verdict.feasible]
+    selected = [(verdict.confidence, verdict.correct) for verdict in verdicts if verdict.has_association]
+    bins = reliability(selected)
     return {
         "frames": len(verdicts),
         "feasible_frames": len(feasible),
@@ -169,6 +178,9 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
         "goal_error_mm": median(goal_errors) if goal_errors else None,
         "hand_rate": _mean(verdict.hits_hand for verdict in verdicts),
         "mean_confidence": _mean(verdict.confidence for verdict in verdicts),
+        "precision": _mean(right for _, right in selected),
+        "expected_calibration_error": expected_calibration_error(bins),
+        "reliability": [list(each) for each in bins],
         "rsw": _mean(verdict.rsw for verdict in verdicts),
         "switches": switches.switches,
         "comparable_transitions": switches.comparable,

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from statistics import mean, median, stdev
 from typing import Any
 
+from geoskill.evaluation.calibration import ReliabilityBin, expected_calibration_error, pooled
+
 Scores = Mapping[str, Sequence[Mapping[str, Any]]]
 """The scores of every seed by row; each has ``rsw``, ``steps`` and the figures of every test by its name."""
 
@@ -15,6 +17,7 @@ DETAILS = {
     "attainable": "attainable_strict_accuracy",
     "error at the goal [mm]": "goal_error_mm",
     "attainable [mm]": "attainable_goal_error_mm",
+    "precision": "precision",
     "hand": "hand_rate",
     "switches per frame": "switches_per_frame",
     "autocorrelation of the error": "error_autocorrelation",
@@ -52,8 +55,11 @@ def overview(scores: Scores, tests: Sequence[str], published: Mapping[str, Mappi
 
 
 def details(scores: Scores, tests: Sequence[str]) -> str:
-    """A Markdown table of all figures, means over the seeds, one line per row and test."""
-    lines = [_line(["", "test", *DETAILS, "feasible frames"]), "|" + "---|" * (len(DETAILS) + 3)]
+    """A Markdown table of all figures, means over the seeds, one line per row and test.
+
+    The calibration error is of the frames of all seeds and tests of a row together.
+    """
+    lines = [_line(["", "test", *DETAILS, "feasible frames", "calibration error"]), "|" + "---|" * (len(DETAILS) + 4)]
     for row, seeds in scores.items():
         for test in tests:
             figures = [seed[test] for seed in seeds if test in seed]
@@ -65,7 +71,9 @@ def details(scores: Scores, tests: Sequence[str]) -> str:
                 digits = 1 if key.endswith("_mm") else 3
                 cells.append(f"{mean(values):.{digits}f}" if values else "")
             feasible, frames = (sum(each[key] for each in figures) for key in ("feasible_frames", "frames"))
-            lines.append(_line([row, test, *cells, f"{feasible} of {frames}"]))
+            lines.append(_line([row, test, *cells, f"{feasible} of {frames}", ""]))
+        error = expected_calibration_error(reliability_of(seeds, tests))
+        lines.append(_line([row, "all", *[""] * (len(DETAILS) + 1), "" if error is None else f"{error:.3f}"]))
     return "\n".join(lines) + "\n"
 
 
@@ -83,6 +91,11 @@ def as_csv(scores: Scores, tests: Sequence[str]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def reliability_of(seeds: Sequence[Mapping[str, Any]], tests: Sequence[str]) -> list[ReliabilityBin]:
+    """The frames of all seeds and tests by confidence; of an ensemble those of its first member."""
+    return pooled(seed[test]["reliability"] for seed in seeds for test in tests if test in seed)
 
 
 def accuracies(seeds: Sequence[Mapping[str, Any]], test: str) -> list[float]:

@@ -27,7 +27,9 @@ class KernelModel(nn.Module):
         beta: ``[s]``, the reward's scale for each of them, fitted to the demonstration.
         mover: ``[d]``, its product with the descriptor of one node is larger than with that of another that the motif
             does not tell apart, when the one moves to the other; empty before training, and where the motif tells all
-            nodes apart. All three are buffers, so that a checkpoint holds them.
+            nodes apart.
+        usual_lead: how far the best score of a frame is ahead in the demonstration; 0 before training
+            (:mod:`geoskill.model.confidence`). All four are buffers, so that a checkpoint holds them.
 
     Raises:
         ValueError: when a node type of the kernel has no extractor.
@@ -36,6 +38,7 @@ class KernelModel(nn.Module):
     spans: Tensor
     beta: Tensor
     mover: Tensor
+    usual_lead: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -47,6 +50,7 @@ class KernelModel(nn.Module):
         self.register_buffer("spans", torch.zeros(0, dtype=torch.long))
         self.register_buffer("beta", torch.zeros(0))
         self.register_buffer("mover", torch.zeros(0))
+        self.register_buffer("usual_lead", torch.zeros(()))
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
         """Keep what was fitted to the demonstration."""
@@ -57,6 +61,10 @@ class KernelModel(nn.Module):
     def set_mover(self, mover: Float[Tensor, " d"]) -> None:
         """Keep what was fitted to the demonstration."""
         self.mover = mover.to(self.mover)
+
+    def set_usual_lead(self, usual_lead: Float[Tensor, ""]) -> None:
+        """Keep what was fitted to the demonstration."""
+        self.usual_lead = usual_lead.to(self.usual_lead)
 
     def moving_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """Instances of a frame with their nodes in the order, of those that the motif does not tell apart, in which

@@ -1,7 +1,7 @@
 """What a skill says about one frame: the associations it selected and their control errors."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
@@ -78,7 +78,8 @@ class Association:
         descriptor: the extractors of its nodes, such as ``sift`` or ``sift+lbd``.
         rank: 1 for the instance with the largest select-out of its kernel, or for the one that is kept from the frame
             before (:class:`geoskill.skill.steady.SteadySkill`).
-        confidence: the select-out g in [0, 1].
+        confidence: the probability that it is right, in [0, 1] (:mod:`geoskill.model.confidence`).
+        weight: the select-out g, its share of the frame's selection; of all instances of a kernel they sum to 1.
         nodes: the features it joins.
         error: the kernel's control error (see the kernel for sign and dimension).
         unit: of the error, as it is printed.
@@ -88,6 +89,7 @@ class Association:
     descriptor: str
     rank: int
     confidence: float
+    weight: float
     nodes: tuple[Node, ...]
     error: tuple[float, ...]
     unit: str = "px"
@@ -104,6 +106,7 @@ class Association:
             "descriptor": self.descriptor,
             "rank": self.rank,
             "confidence": round(self.confidence, 6),
+            "weight": round(self.weight, 6),
             "nodes": [node.as_json() for node in self.nodes],
             "error": [round(component, 4) for component in self.error],
         }
@@ -120,10 +123,31 @@ class InferenceResult:
         error: ``[d]``, the control errors of the members' top associations one after another; members without an
             instance contribute nothing.
         features: what each extractor found, by the extractor's name.
-        reasons: for each (kernel, descriptor) without any instance, why.
+        reasons: for each (kernel, descriptor) that selects nothing, why.
     """
 
     associations: tuple[Association, ...]
     error: np.ndarray
     features: Mapping[str, FeatureSet] = field(default_factory=dict)
     reasons: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+
+def without_doubtful(result: InferenceResult, least: float) -> InferenceResult:
+    """What is selected of a frame when a member says nothing rather than what it is not sure of.
+
+    Args:
+        result: of the frame.
+        least: the confidence that a member's top association must have for the member to select any.
+    """
+    doubtful = {each.member: each.confidence for each in result.associations if each.rank == 1}
+    doubtful = {member: confidence for member, confidence in doubtful.items() if confidence < least}
+    if not doubtful:
+        return result
+    kept = tuple(each for each in result.associations if each.member not in doubtful)
+    reasons = {
+        member: f"no association visible: the best has a confidence of {confidence:.2g}, less than {least:g}"
+        for member, confidence in doubtful.items()
+    }
+    errors = [np.array(each.error) for each in kept if each.rank == 1]
+    error = np.concatenate([np.zeros(0), *errors])
+    return replace(result, associations=kept, error=error, reasons={**result.reasons, **reasons})

@@ -2,7 +2,7 @@
 
 ::
 
-    format: 1
+    format: 2
     extractors: {sift: {_target_: geoskill.features.sift.Sift, ...}}
     members:    {p2p_sift: {kernel: {_target_: ...}, extractors: {point: sift}}}
     model:      {_target_: ..., _partial_: true, ...}
@@ -31,7 +31,7 @@ from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import InstanceScorer, Motif
 
-FORMAT = 1
+FORMAT = 2
 
 
 @final

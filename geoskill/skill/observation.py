@@ -12,6 +12,7 @@ from torch import Tensor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
 from geoskill.kernels.kernel import automorphisms
+from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node
 
@@ -58,12 +59,14 @@ class ScoredInstances:
         nodes = gather_nodes(self.member.kernel, self.member.attribute(self.graph, "geometry"), index)
         errors: Float[Tensor, "p d"] = self.member.kernel.control_error(nodes)
         roles = self.member.kernel.roles
+        sure = confidences(self.scores, self.member.usual_lead)
         return [
             Association(
                 kernel=self.member.kernel.name,
                 descriptor=self.member.descriptor,
                 rank=row + 1,
-                confidence=float(self.select_out[instance]),
+                confidence=float(sure[instance]),
+                weight=float(self.select_out[instance]),
                 nodes=tuple(
                     Node(role, tuple(geometry[row].tolist()), int(feature))
                     for role, geometry, feature in zip(roles, nodes, index[:, row], strict=True)

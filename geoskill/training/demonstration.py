@@ -86,6 +86,7 @@ class Demonstration(Dataset[Transition]):
         strangers: int,
         progress: Progress,
     ) -> None:
+        self.frame_count = len(frames)
         self.spans = time_spans(len(frames), gap, horizon)
         self.members = dict(members)
         numbers = range(len(frames))
@@ -136,6 +137,11 @@ class Demonstration(Dataset[Transition]):
             }
             for name, member in self.members.items()
         }
+
+    def frame(self, name: str, t: int) -> MotifGraph:
+        """A member's graph of a frame as a skill sees it: what was there, and nothing of where it went."""
+        member = self.members[name]
+        return motif_graph(member.kernel, {kind: self._features[x][t] for kind, x in member.extractors.items()})
 
     def observed(self, name: str, index: int) -> MotifGraph:
         """A member's graph of a transition's first frame with what was there only, no strangers."""

@@ -49,6 +49,28 @@ def plot_bars(
     save_figure(figure, picture_path)
 
 
+def plot_reliability(rows: Mapping[str, Sequence[tuple[int, float, float]]], picture_path: Path) -> None:
+    """How often associations of a confidence are right, for each row; a skill on the diagonal is calibrated.
+
+    Args:
+        rows: frames by confidence: how many, their mean confidence, and the share of right ones. A dot's area is how
+            many.
+        picture_path: the PNG to write.
+    """
+    figure = Figure(figsize=(4.6, 4.6), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], color="0.6", linewidth=1)
+    for number, (row, bins) in enumerate(rows.items()):
+        frames, confidence, accuracy = np.array([each for each in bins if each[0]]).reshape(-1, 3).T
+        colour = COLOURS[number % len(COLOURS)]
+        axes.plot(confidence, accuracy, color=colour, linewidth=1, label=row)
+        axes.scatter(confidence, accuracy, 8 + 250 * frames / max(1, frames.sum()), color=colour)
+    axes.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), xlabel="confidence", ylabel="share of right associations")
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False)
+    save_figure(figure, picture_path)
+
+
 def plot_trainings(tables: Mapping[str, Sequence[Path]], picture_path: Path) -> None:
     """Objective and RSW over the steps, for each row the mean of its seeds and the band between them.
 

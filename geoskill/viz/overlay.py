@@ -58,15 +58,15 @@ def draw_overlay(
     *,
     frame_index: int,
     title: str = "",
-    minimum_confidence: float = 0.1,
+    minimum_weight: float = 0.1,
     reasons: Sequence[str] = (),
 ) -> UInt8[np.ndarray, "out_height out_width 3"]:
     """The frame, with its features and associations drawn in, and the panel to its right; RGB.
 
     The picture is enlarged by the least integer that brings its shorter side to 480 pixels, so that pixel x of the
     frame becomes ``factor * (x + 0.5) - 0.5``. The result's size depends on the frame's size alone, so all frames of
-    a video give one size. Of each kernel and descriptor the top association is drawn, and the others whose confidence
-    exceeds ``minimum_confidence`` (the paper's 10 %). With several kernels the lines carry the letter of their block
+    a video give one size. Of each kernel and descriptor the top association is drawn, and the others whose select-out
+    exceeds ``minimum_weight`` (the paper's 10 %). With several kernels the lines carry the letter of their block
     and their rank. Lines that a node stands for are drawn thick and joined between their midpoints; more than two
     nodes are joined in a ring.
 
@@ -76,7 +76,7 @@ def draw_overlay(
         associations: of all kernels, in any order. One without nodes (rank 0) shows that its kernel has no instance.
         frame_index: the number to print.
         title: one line; cut where it is too long.
-        minimum_confidence: in [0, 1].
+        minimum_weight: in [0, 1].
         reasons: why kernels have no instance, one sentence each.
     """
     scale = _Scale.of(image)
@@ -86,7 +86,7 @@ def draw_overlay(
     for feature_set in features:
         for geometry in feature_set.geometry:
             _draw_feature(canvas, scale, feature_set.node_type, geometry.reshape(-1, 2))
-    shown = [(letter, one) for letter, member in members for one in _shown(member, minimum_confidence)]
+    shown = [(letter, one) for letter, member in members for one in _shown(member, minimum_weight)]
     # The best ones last, so that nothing covers them.
     shown.sort(key=lambda pair: -pair[1].rank)
     for _, association in shown:
@@ -95,7 +95,7 @@ def draw_overlay(
         for letter, association in shown:
             _draw_tag(canvas, scale, association, f"{letter}{association.rank}")
     panel = np.full((len(canvas), scale.px(272), 3), _PAPER, np.uint8)
-    _draw_panel(panel, scale, members, minimum_confidence, f"frame {frame_index}", title, reasons)
+    _draw_panel(panel, scale, members, minimum_weight, f"frame {frame_index}", title, reasons)
     return np.concatenate([canvas, panel], axis=1)
 
 
@@ -132,9 +132,9 @@ def _members(associations: Iterable[Association]) -> list[tuple[str, list[Associ
     return [(chr(ord("A") + i), sorted(group, key=lambda a: a.rank)) for i, group in enumerate(grouped.values())]
 
 
-def _shown(member: Sequence[Association], minimum_confidence: float) -> list[Association]:
+def _shown(member: Sequence[Association], minimum_weight: float) -> list[Association]:
     with_nodes = [association for association in member if association.nodes]
-    return with_nodes[:1] + [a for a in with_nodes[1:] if a.confidence > minimum_confidence]
+    return with_nodes[:1] + [a for a in with_nodes[1:] if a.weight > minimum_weight]
 
 
 # ---------------------------------------------------------------------------------------------------------- picture
@@ -215,7 +215,7 @@ def _draw_panel(
     panel: UInt8[np.ndarray, "h w 3"],
     scale: _Scale,
     members: Sequence[tuple[str, Sequence[Association]]],
-    minimum_confidence: float,
+    minimum_weight: float,
     frame_text: str,
     title: str,
     reasons: Sequence[str],
@@ -233,7 +233,7 @@ def _draw_panel(
     # At most a third of the panel: the blocks above matter more.
     reason_lines = reason_lines[: len(panel) // 3 // scale.px(16)]
     bottom = len(panel) - margin - len(reason_lines) * scale.px(16)
-    bars = [_shown(member, minimum_confidence) for _, member in members]
+    bars = [_shown(member, minimum_weight) for _, member in members]
     block_scale, heights = _block_heights(scale, [len(shown) for shown in bars], bottom - y)
     for (letter, member), shown, height in zip(members, bars, heights, strict=True):
         cv2.line(panel, (margin, y), (panel.shape[1] - margin, y), _TRACK, scale.px(1))

@@ -113,13 +113,14 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("demonstration.strangers=-1", ["demonstration.strangers=-1", "0 or more"]),
         ("objective.goal_temperature=0", ["objective.goal_temperature", "0", "positive"]),
         ("inference.temporal=often", ["inference.temporal=often", "none or filter"]),
+        ("inference.abstain=1.5", ["inference.abstain=1.5", "from 0 (never) to 1"]),
         ("features.colour=-1", ["features.colour=-1", "0 (none)"]),
         ("optimizer.lr=-1", ["optimizer", "-1"]),
         ("optimizer.lr=x", ["optimizer.lr=x", "number"]),
         ("early_stopping.patience=x", ["early_stopping.patience=x", "or null"]),
         ("early_stopping.patience=-1", ["early_stopping.patience=-1", "or null"]),
         ("inference.alternatives=0", ["inference.alternatives=0", "at least 1"]),
-        ("inference.minimum_confidence=x", ["inference.minimum_confidence=x", "number"]),
+        ("inference.minimum_weight=x", ["inference.minimum_weight=x", "number"]),
         ("cache.limit_mb=0", ["limit_mb=0", "positive"]),
         ("task.frame_rate=0", ["frame_rate", "0", "positive"]),
         ("task.frame_rate=x", ["task.frame_rate=x", "number"]),
@@ -297,7 +298,9 @@ def test_skills_and_videos_of_infer(
     check_error(command("infer", f"skill={skill}", "video=/no/such", run), 2, "/no/such", "does not exist")
     check_error(command("infer", f"skill={skill}", "video=98", run), 2, "camera 98", "cannot be opened")
     check_error(command("infer", f"skill={skill}", video, "device=gpu", run), 2, "device=gpu", "cpu")
-    check_error(command("infer", f"skill={skill}", video, "minimum_confidence=x", run), 2, "minimum_confidence=x")
+    check_error(command("infer", f"skill={skill}", video, "minimum_weight=x", run), 2, "minimum_weight=x")
+    check_error(command("infer", f"skill={skill}", video, "inference.abstain=-1", run), 2, "inference.abstain=-1")
+    check_error(command("infer", f"skill={skill}", video, "inference.temporal=1", run), 2, "inference.temporal=1")
     check_error(command("infer", f"skill={skill}", video, "frame_rate=x", run), 2, "frame_rate=x", "number")
     check_error(command("infer", f"skill={skill}", video, "seed=1", run), 2, "'seed'", "--cfg job")
 
@@ -308,7 +311,7 @@ def test_skills_and_videos_of_infer(
     torch.save({"weights": torch.zeros(3)}, corrupt)
     check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "expected the skill.ckpt")
     stored = torch.load(skill, weights_only=True)
-    stored["state_dict"] = {key: value[:1] for key, value in stored["state_dict"].items()}
+    stored["state_dict"] = {key: value.reshape(-1)[:1] for key, value in stored["state_dict"].items()}
     torch.save(stored, corrupt)
     check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "weights do not fit")
     stored["skill"]["extractors"]["sift"]["_target_"] = "os.getcwd"
@@ -331,6 +334,8 @@ def test_skills_and_videos_of_infer(
         (["task=sorting", "seed=abc"], ["seed=abc", "whole number"]),
         (["task=sorting", "seed=-1"], ["seed=-1", "0 or more"]),
         (["task=sorting", "every=0"], ["every=0", "at least 1"]),
+        (["task=sorting", "inference.temporal=often"], ["inference.temporal=often", "none or filter"]),
+        (["task=sorting", "inference.abstain=x"], ["inference.abstain=x", "number"]),
         (["scenario=occlusion"], ["video is not set", "task=…"]),
     ],
 )

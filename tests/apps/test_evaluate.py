@@ -67,6 +67,17 @@ def test_scores_and_verdicts(
     assert figures["top1_accuracy"] == pytest.approx(correct / feasible)
 
 
+def test_who_is_never_sure_selects_nothing(
+    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    regions = write_regions(tmp_path / "regions.json", True)
+    arguments = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", "inference.abstain=1"]
+    ended = command("evaluate", *arguments, f"hydra.run.dir={tmp_path / 'run'}")
+    assert (ended.status, ended.stderr) == (0, "")
+    figures = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert (figures["frames_without_association"], figures["top1_accuracy"], figures["precision"]) == (FRAMES, 0, None)
+
+
 def test_every_few_frames(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
     regions = write_regions(tmp_path / "regions.json", False)
     arguments = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", "every=7"]

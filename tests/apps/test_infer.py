@@ -52,6 +52,18 @@ def test_the_demonstration_again_gives_what_training_said(
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 20
 
 
+def test_what_it_is_not_sure_of_is_not_selected(
+    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    source = [f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}"]
+    ended = command("infer", *source, "inference.abstain=1")
+    assert (ended.status, ended.stderr) == (0, "")
+    lines = associations(tmp_path)
+    assert [(line["frame"], line["rank"]) for line in lines] == [(frame, 0) for frame in range(20)]
+    assert all(line["reason"].startswith("no association visible: the best has a confidence of") for line in lines)
+    assert json.loads((tmp_path / "metrics.json").read_text())["frames_with_association"] == 0
+
+
 def test_a_video_file(
     command: Command, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:

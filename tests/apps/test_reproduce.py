@@ -90,7 +90,7 @@ def test_train_score_and_go_on(
     assert scores["robot1"]["frames"] == 4
     assert "| default | 1 |" in (run / "full" / "table.md").read_text()
     assert "(published 50.0)" in (run / "full" / "table.md").read_text()
-    for name in ("table.csv", "table.json", "accuracy.png", "training.png"):
+    for name in ("table.csv", "table.json", "accuracy.png", "reliability.png", "training.png"):
         assert (run / "full" / name).stat().st_size > 0
 
     checkpoint = run / "full" / "default" / "3" / "skill.ckpt"

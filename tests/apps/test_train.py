@@ -25,7 +25,7 @@ def associations(folder: Path) -> list[dict[str, Any]]:
 
 
 def check_associations(lines: Sequence[dict[str, Any]], frame_count: int, frame_rate: float = 30.0) -> None:
-    """Every frame is there for every member, in order, with ranks from 1 on, by falling confidence from 2 on."""
+    """Every frame is there for every member, in order, with ranks from 1 on, by falling weight from 2 on."""
     members = list(dict.fromkeys((line["kernel"], line["descriptor"]) for line in lines))
     assert list(dict.fromkeys(line["frame"] for line in lines)) == list(range(frame_count))
     for frame in range(frame_count):
@@ -34,11 +34,11 @@ def check_associations(lines: Sequence[dict[str, Any]], frame_count: int, frame_
             own = [line for line in own if line["descriptor"] == descriptor]
             assert [line["rank"] for line in own] == list(range(1, len(own) + 1))
             assert 1 <= len(own) <= 10
-            confidences = [line["confidence"] for line in own]
-            assert confidences[1:] == sorted(confidences[1:], reverse=True)
-            assert all(0 < confidence <= 1 for confidence in confidences)
-            # A kept association that was not detected has the confidence of an earlier frame.
-            assert sum(confidences[1:]) <= 1 + 1e-5
+            weights = [line["weight"] for line in own]
+            assert weights[1:] == sorted(weights[1:], reverse=True)
+            # A kept association that was not detected has the weight of an earlier frame.
+            assert sum(weights[1:]) <= 1 + 1e-5
+            assert all(0 <= line["confidence"] <= 1 and 0 < line["weight"] <= 1 for line in own)
             for line in own:
                 assert line["time_s"] == pytest.approx(frame / frame_rate, abs=1e-5)
                 assert [node["type"] for node in line["nodes"]] == NODE_TYPES[kernel]
@@ -95,6 +95,7 @@ def test_every_file_of_the_run_is_there_and_well_formed(trained: Any) -> None:
     assert list(checkpoint["skill"]["members"]) == ["p2p_sift"]
     assert {"optimizer_states", "loops", "callbacks"} <= checkpoint.keys()  # to resume from
     assert checkpoint["state_dict"]["members.p2p_sift.beta"].gt(0).any()
+    assert checkpoint["state_dict"]["members.p2p_sift.usual_lead"] > 0
     assert (folder / ".hydra" / "overrides.yaml").is_file()
     assert not list(folder.glob("*.part")) + list(folder.glob(".*partial*"))
 

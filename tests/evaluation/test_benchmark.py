@@ -57,7 +57,7 @@ def point_set(*xy: tuple[float, float]) -> FeatureSet:
 
 def pair(first: tuple[float, float], second: tuple[float, float], confidence: float = 0.75) -> Association:
     nodes = (Node(NodeType.POINT, first), Node(NodeType.POINT, second))
-    return Association("p2p", "sift", 1, confidence, nodes, (0.0, 0.0))
+    return Association("p2p", "sift", 1, confidence, confidence, nodes, (0.0, 0.0))
 
 
 def answers(*tops: Association | None) -> Callable[[np.ndarray], InferenceResult]:
@@ -126,7 +126,7 @@ def test_members_are_judged_side_by_side() -> None:
         NodeType.LINE, np.ones((1, 1), np.float32), np.array([[70, 40, 90, 40]], np.float32), np.ones(1, np.float32)
     )
     segment = Node(NodeType.LINE, (70.0, 40.0, 90.0, 40.0))
-    mixed = Association("p2l", "sift+lbd", 1, 0.25, (Node(NodeType.POINT, ON_HAND), segment), (0.0,))
+    mixed = Association("p2l", "sift+lbd", 1, 0.25, 0.25, (Node(NodeType.POINT, ON_HAND), segment), (0.0,))
     features = {"sift": point_set(ON_OBJECT, ON_TARGET, ON_HAND), "lbd": segments}
     outcome = InferenceResult((RIGHT, mixed), np.zeros(3), features)
     members = [(PointToPoint(), "sift"), (PointToLine(), "sift+lbd")]

@@ -71,7 +71,7 @@ def lines(*xy: tuple[float, float]) -> FeatureSet:
 def association(
     *nodes: Node, rank: int = 1, confidence: float = 0.5, kernel: str = "p2p", descriptor: str = "sift"
 ) -> Association:
-    return Association(kernel, descriptor, rank, confidence, nodes, (0.0, 0.0))
+    return Association(kernel, descriptor, rank, confidence, confidence, nodes, (0.0, 0.0))
 
 
 def result(found: dict[str, FeatureSet], *associations: Association) -> InferenceResult:
@@ -230,6 +230,17 @@ def test_figures_over_four_frames() -> None:
         "goal_error_mm": pytest.approx(2.0),
         "hand_rate": 0.5,
         "mean_confidence": pytest.approx(0.45),
+        "precision": pytest.approx(1 / 3),
+        "expected_calibration_error": pytest.approx((0.2 + 0.6 + 0.4) / 3),
+        "reliability": [
+            *[[0, 0.0, 0.0]] * 4,
+            [1, 0.4, 0.0],
+            [0, 0.0, 0.0],
+            [1, 0.6, 0.0],
+            [0, 0.0, 0.0],
+            [1, 0.8, 1.0],
+            [0, 0.0, 0.0],
+        ],
         "rsw": pytest.approx(0.4),
         "switches": 1,
         "comparable_transitions": 2,

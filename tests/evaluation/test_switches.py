@@ -40,7 +40,7 @@ def line(*coordinates: float) -> Node:
 
 
 def association(*nodes: Node) -> Association:
-    return Association("p2p", "sift", 1, 0.5, nodes, (0.0, 0.0))
+    return Association("p2p", "sift", 1, 0.5, 0.5, nodes, (0.0, 0.0))
 
 
 @pytest.mark.parametrize(

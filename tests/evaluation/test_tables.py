@@ -8,7 +8,17 @@ from geoskill.evaluation.tables import accuracies, as_csv, details, overview
 
 
 def figures(accuracy: float | None, **others: Any) -> dict[str, Any]:
-    return {"top1_accuracy": accuracy, "hand_rate": 0.25, "feasible_frames": 40, "frames": 41, **others}
+    # Half of the frames with a confidence of 0.7 and 0.75 of them right, the others with 0.1 and all wrong.
+    bins = [[0, 0.0, 0.0]] * 10
+    bins[7], bins[1] = [20, 0.7, 0.75], [20, 0.1, 0.0]
+    return {
+        "top1_accuracy": accuracy,
+        "hand_rate": 0.25,
+        "feasible_frames": 40,
+        "frames": 41,
+        "reliability": bins,
+        **others,
+    }
 
 
 def seeds(*accuracies: float | None) -> list[dict[str, Any]]:
@@ -44,9 +54,11 @@ def test_details_average_what_is_known() -> None:
     scores[0]["here"]["strict_accuracy"] = 0.2
     scores[1]["here"]["attainable_strict_accuracy"] = 0.4
     scores[0]["here"]["goal_error_mm"], scores[1]["here"]["goal_error_mm"] = 4.0, 5.0
-    head, _, row = details({"default": scores}, ["here"]).splitlines()
-    assert head.startswith("| | test | top-1 | strict | attainable | error at the goal [mm] | attainable [mm] | hand |")
-    assert row == "| default | here | 0.700 | 0.200 | 0.400 | 4.5 | | 0.250 | | | 80 of 82 |"
+    head, _, row, all_frames = details({"default": scores}, ["here"]).splitlines()
+    assert head.startswith("| | test | top-1 | strict | attainable | error at the goal [mm] | attainable [mm] | precis")
+    assert row == "| default | here | 0.700 | 0.200 | 0.400 | 4.5 | | | 0.250 | | | 80 of 82 | |"
+    # (0.05 + 0.1) / 2
+    assert all_frames == "| default | all | | | | | | | | | | | 0.075 |"
 
 
 def test_csv_has_a_line_per_seed_and_test_with_numbers_only() -> None:

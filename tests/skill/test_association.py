@@ -2,10 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from geoskill.geometry.primitives import NodeType
-from geoskill.skill.association import Association, Node
+from geoskill.skill.association import Association, InferenceResult, Node, without_doubtful
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 
@@ -16,12 +17,13 @@ def test_a_point_association_reads_as_agreed() -> None:
         descriptor="sift",
         rank=1,
         confidence=0.93,
+        weight=0.5,
         nodes=(Node(POINT, (101.5, 66.0), 4), Node(POINT, (75.2, 140.9), 0)),
         error=(26.3, -74.9),
     )
     # The agreed line of associations.jsonl, without the frame, with the descriptor.
     assert json.dumps(association.as_json()) == (
-        '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, '
+        '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, "weight": 0.5, '
         '"nodes": [{"type": "point", "xy": [101.5, 66.0]}, {"type": "point", "xy": [75.2, 140.9]}], '
         '"error": [26.3, -74.9]}'
     )
@@ -29,7 +31,7 @@ def test_a_point_association_reads_as_agreed() -> None:
 
 def test_lines_are_two_end_points() -> None:
     association = Association(
-        "p2l", "sift+lbd", 2, 0.5, (Node(POINT, (1.0, 2.0)), Node(LINE, (1.0, 2.5, 30.0, 40.25), 7)), (-3.5,)
+        "p2l", "sift+lbd", 2, 0.5, 0.25, (Node(POINT, (1.0, 2.0)), Node(LINE, (1.0, 2.5, 30.0, 40.25), 7)), (-3.5,)
     )
     assert association.as_json()["nodes"] == [
         {"type": "point", "xy": [1.0, 2.0]},
@@ -40,9 +42,9 @@ def test_lines_are_two_end_points() -> None:
 
 
 def test_numbers_are_rounded_to_what_can_be_meant() -> None:
-    association = Association("p2p", "orb", 1, 1 / 3, (Node(POINT, (1 / 3, 2 / 3)),), (-1 / 3, 2 / 3))
+    association = Association("p2p", "orb", 1, 1 / 3, 2 / 3, (Node(POINT, (1 / 3, 2 / 3)),), (-1 / 3, 2 / 3))
     line = association.as_json()
-    assert line["confidence"] == 0.333333
+    assert (line["confidence"], line["weight"]) == (0.333333, 0.666667)
     assert line["nodes"] == [{"type": "point", "xy": [0.333, 0.667]}]
     assert line["error"] == [-0.3333, 0.6667]
 
@@ -65,3 +67,23 @@ def test_a_node_has_the_coordinates_of_its_type(
 ) -> None:
     with pytest.raises(ValueError, match=f"^{message}$"):
         Node(node_type, coordinates)
+
+
+def test_a_doubtful_member_selects_nothing_and_says_so() -> None:
+    nodes = (Node(POINT, (1.0, 2.0)), Node(POINT, (3.0, 4.0)))
+    sure = Association("p2p", "orb", 1, 0.9, 0.5, nodes, (-2.0, -2.0))
+    doubtful = Association("p2p", "sift", 1, 0.125, 0.5, nodes, (7.0, 8.0))
+    # Its second may be more confident: the first was kept from the frame before.
+    second = Association("p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
+    reasons = {("l2l", "lbd"): "no instance: 1 lines found"}
+    result = InferenceResult((doubtful, second, sure), np.array([7.0, 8.0, -2.0, -2.0]), {}, reasons)
+    left = without_doubtful(result, 0.2)
+    assert left.associations == (sure,)
+    np.testing.assert_array_equal(left.error, [-2.0, -2.0])
+    assert left.reasons == {
+        ("l2l", "lbd"): "no instance: 1 lines found",
+        ("p2p", "sift"): "no association visible: the best has a confidence of 0.12, less than 0.2",
+    }
+    assert without_doubtful(result, 0.125) is result, "what has just the confidence is selected"
+    nothing = without_doubtful(result, 1.0)
+    assert (nothing.associations, nothing.error.shape) == ((), (0,))

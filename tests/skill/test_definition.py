@@ -50,8 +50,8 @@ def frame_with(first: np.ndarray, second: np.ndarray, confidence: float, error: 
 
     return InferenceResult(
         (
-            Association("p2p", "sift", 1, confidence, (node(1), node(2)), error),
-            Association("p2p", "sift", 2, confidence / 2, (node(0), node(2)), (99.0, 99.0)),
+            Association("p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
+            Association("p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
         ),
         np.array(error),
         {"sift": found},
@@ -168,7 +168,7 @@ def test_the_most_frequent_are_listed_first() -> None:
             np.zeros(2, np.float32),
         )
         nodes = (Node(POINT, (0.0, 0.0), 0), Node(POINT, (0.0, 0.0), 1))
-        association = Association("p2p", "sift", 1, 0.5, nodes, (1.0, 0.0))
+        association = Association("p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
         results += number * [InferenceResult((association,), np.array([1.0, 0.0]), {"sift": found})]
     described = definition_of(results)
     shares = [group["share"] for group in described["members"]["p2p_sift"]["associations"]]
@@ -180,9 +180,9 @@ def test_an_ensemble_constrains_what_its_members_do_together() -> None:
     points, lines = features_of(POINT, [CUP, SHELF]), features_of(LINE, [HAND])
     result = InferenceResult(
         (
-            Association("p2p", "sift", 1, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)),
+            Association("p2p", "sift", 1, 0.5, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)),
             Association(
-                "p2l", "sift+lbd", 1, 0.25, (Node(POINT, (2.0, 3.0), 1), Node(LINE, (0.0, 1.0, 2.0, 3.0), 0)), (-7.0,)
+                "p2l", "sift+lbd", 1, 0.25, 0.25, (Node(POINT, (2.0, 3.0), 1), Node(LINE, (0.0, 1.0, 2.0, 3.0), 0)), (-7.0,)
             ),
         ),
         np.array([3.0, 4.0, -7.0]),

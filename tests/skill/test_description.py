@@ -78,7 +78,7 @@ def test_there_is_a_member_for_every_fitting_choice(
 
 def test_a_description_is_plain_and_complete() -> None:
     assert described(["p2l"], ["sift", "lbd"], alternatives=7) == {
-        "format": 1,
+        "format": 2,
         "extractors": {name: DESCRIPTORS[name] for name in ("sift", "lbd")},
         "members": {"p2l_sift_lbd": {"kernel": KERNELS["p2l"], "extractors": {"point": "sift", "line": "lbd"}}},
         "model": MODEL,

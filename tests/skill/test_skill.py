@@ -159,9 +159,9 @@ def test_weights_that_do_not_fit_are_refused(
 
 
 def test_another_format_is_refused_by_the_name_of_the_file(tmp_path: Path, checkpoint: dict[str, Any]) -> None:
-    path = tmp_path / "future.ckpt"
-    torch.save({**checkpoint, "skill": {**checkpoint["skill"], "format": 2}}, path)
-    with pytest.raises(InputError, match=rf"^{path}: the skill's format is 2; expected 1$"):
+    path = tmp_path / "earlier.ckpt"
+    torch.save({**checkpoint, "skill": {**checkpoint["skill"], "format": 1}}, path)
+    with pytest.raises(InputError, match=rf"^{path}: the skill's format is 1; expected 2$"):
         Skill.load(path)
 
 
@@ -171,30 +171,46 @@ def test_a_device_that_is_not_there_is_refused(skill_file: Path, device: str) ->
         Skill.load(skill_file, device=device)
 
 
-def test_the_best_of_each_member_sorted_by_confidence(skill: Skill, frame: np.ndarray) -> None:
+def test_the_best_of_each_member_sorted_by_weight(skill: Skill, frame: np.ndarray) -> None:
     result = skill.infer(frame)
     assert [(a.kernel, a.descriptor, a.rank) for a in result.associations] == [
         *(("p2p", "sift", rank) for rank in (1, 2, 3, 4)),
         *(("p2l", "sift+lbd", rank) for rank in (1, 2, 3, 4)),
     ]
     for member in (result.associations[:4], result.associations[4:]):
-        confidences = [association.confidence for association in member]
-        assert confidences == sorted(confidences, reverse=True)
-        assert all(0 < confidence < 1 for confidence in confidences)
-        assert sum(confidences) < 1
+        weights = [association.weight for association in member]
+        assert weights == sorted(weights, reverse=True)
+        assert all(0 < weight < 1 for weight in weights)
+        assert sum(weights) < 1
         assert len({association.nodes for association in member}) == 4
     assert result.reasons == {}
 
 
-def test_confidence_is_the_share_of_all_instances(skill: Skill, frame: np.ndarray) -> None:
+def test_weight_is_the_share_of_all_instances(skill: Skill, frame: np.ndarray) -> None:
     skill.alternatives = 1000
     result = skill.infer(frame)
     points, lines = (len(result.features[name]) for name in ("sift", "lbd"))
-    p2p = [a.confidence for a in result.associations if a.kernel == "p2p"]
-    p2l = [a.confidence for a in result.associations if a.kernel == "p2l"]
+    p2p = [a.weight for a in result.associations if a.kernel == "p2p"]
+    p2l = [a.weight for a in result.associations if a.kernel == "p2l"]
     assert (len(p2p), len(p2l)) == (points * (points - 1) // 2, points * lines)
     assert sum(p2p) == pytest.approx(1, abs=1e-5)
     assert sum(p2l) == pytest.approx(1, abs=1e-5)
+
+
+def test_confidence_asks_how_far_a_score_is_ahead_of_what_it_was_in_the_demonstration(
+    skill: Skill, frame: np.ndarray
+) -> None:
+    before = skill.infer(frame)
+    assert [a.confidence for a in before.associations] == [a.weight for a in before.associations], "of no training"
+    observed = skill.observe(frame).members["p2p_sift"]
+    lead = observed.scores.max() - observed.scores.mean()
+    for usual, expected in ((lead, 0.9885), (2 * lead, 0.3788), (10 * lead, 0.0115)):
+        skill.members["p2p_sift"].set_usual_lead(usual)
+        result = skill.infer(frame)
+        assert result.associations[0].confidence == pytest.approx(expected, abs=1e-4)
+        confidences = [a.confidence for a in result.associations if a.kernel == "p2p"]
+        assert confidences == sorted(confidences, reverse=True)
+        assert [a.weight for a in result.associations] == [a.weight for a in before.associations]
 
 
 def test_nodes_are_the_features_they_name(skill: Skill, frame: np.ndarray) -> None:

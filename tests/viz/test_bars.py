@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from geoskill.viz.bars import plot_bars, plot_trainings
+from geoskill.viz.bars import plot_bars, plot_reliability, plot_trainings
 
 
 def test_bars_show_rows_tests_and_what_was_published(tmp_path: Path) -> None:
@@ -31,3 +31,14 @@ def test_trainings_of_other_lengths_are_drawn_as_far_as_all_go(tmp_path: Path) -
 def test_a_table_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="expected a table of training metrics"):
         plot_trainings({"default": [tmp_path / "none.csv"]}, tmp_path / "curves.png")
+
+
+def test_a_skill_that_is_right_as_often_as_it_is_sure_lies_on_the_diagonal(tmp_path: Path) -> None:
+    empty = [(0, 0.0, 0.0)] * 9
+    plot_reliability({"sure": [*empty, (30, 0.95, 0.95)]}, tmp_path / "a.png")
+    plot_reliability({"sure": [*empty, (30, 0.95, 0.1)]}, tmp_path / "b.png")
+    plot_reliability({"none": [*empty, (0, 0.0, 0.0)]}, tmp_path / "c.png")
+    first, second, third = (cv2.imread(str(tmp_path / f"{name}.png")) for name in "abc")
+    assert first.shape == second.shape
+    assert (first != second).any()
+    assert third.std() > 5

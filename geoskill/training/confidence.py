@@ -1,0 +1,24 @@
+"""What a learned skill's confidence is measured by: how far ahead its choice is in the demonstration."""
+
+import torch
+
+from geoskill.model.confidence import leads
+from geoskill.model.kernel_model import KernelModel
+from geoskill.training.demonstration import Demonstration
+
+
+@torch.no_grad()
+def fit_usual_lead(members: dict[str, KernelModel], demonstration: Demonstration) -> None:
+    """Fit each member's ``usual_lead``: the median over the demonstration's frames of the best score's lead.
+
+    Frames with fewer than two associations have none and are left out.
+
+    Args:
+        members: by name, with the weights that they are to be used with.
+        demonstration: the one they were trained on.
+    """
+    for name, member in members.items():
+        graphs = (demonstration.frame(name, t) for t in range(demonstration.frame_count))
+        scores = [member(graph) for graph in graphs if graph.instance_index.shape[1] > 1]
+        if scores:
+            member.set_usual_lead(torch.stack([leads(each).max() for each in scores]).median())
