@@ -196,11 +196,10 @@ class MessagePassing(InstanceScorer):
             saved_bytes=SAVED_PER_STEP * self.steps * self._bytes_of_states(),
             memory_bytes=MIB * self.memory_mb,
         )
-        if self.direct is None:
-            return messages(instance_index)
-        likeness = self.direct(descriptors, instance_index)
-        if self.cascade is None or self.training or instance_index.shape[1] <= self.cascade:
-            return messages(instance_index) + likeness
+        likeness = None if self.direct is None else self.direct(descriptors, instance_index)
+        if likeness is None or self.cascade is None or self.training or instance_index.shape[1] <= self.cascade:
+            scores: Tensor = messages(instance_index)
+            return scores if likeness is None else scores + likeness
         counts = {kind: len(rows) for kind, rows in descriptors.items()}
         return cascade(likeness, messages, self.motif, counts, instance_index, self.cascade)
 
