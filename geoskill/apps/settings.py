@@ -16,6 +16,7 @@ FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
 OPTIONAL = (
     "early_stopping.patience",
+    "model.cascade",
     "model.encoder_dim",
     "model.prototypes",
     "trainer.gradient_clip_val",
@@ -27,6 +28,7 @@ EXAMPLES = {
     "seed": 0,
     "threads": 2,
     "frame_rate": 30.0,
+    "model.cascade": 2048,
     "task.frame_rate": 30.0,
     "trainer.limit_train_batches": 25.0,
     "trainer.gradient_clip_val": 1.0,

@@ -21,7 +21,7 @@ from geoskill.model.message_passing import MessagePassing
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.objective.selection import select_out
 
-Way = Literal["ours", "plain", "products"]
+Way = Literal["ours", "cascade", "plain", "products"]
 Job = Literal["select_out", "training"]
 # SIFT with colours, and the line band descriptor.
 DESCRIPTOR_DIMS = {NodeType.POINT: 138, NodeType.LINE: 72}
@@ -49,8 +49,16 @@ class Case:
     threads: int
 
     def ways(self) -> tuple[Way, ...]:
-        """Those that there are: only message passing has another way to be written."""
-        return ("ours", "plain", "products") if isinstance(self.build_scorer(), MessagePassing) else ("ours",)
+        """Those that there are: only message passing has another way to be written.
+
+        ``ours`` passes messages in all instances, as in training; ``cascade`` in as many as the network's own says,
+        where there are more.
+        """
+        scorer = self.build_scorer()
+        if not isinstance(scorer, MessagePassing):
+            return ("ours",)
+        shorter = self.job == "select_out" and scorer.cascade is not None and scorer.cascade < self.instances()
+        return ("ours", *(("cascade",) if shorter else ()), "plain", "products")
 
     def instances(self) -> int:
         """How many there are."""
@@ -83,7 +91,7 @@ def _configured(group: str, name: str) -> DictConfig:
 def prepare(case: Case, way: Way) -> Work:
     """The work of a case in one of its ways, with everything made that is there beforehand."""
     torch.set_num_threads(case.threads)
-    scorer, counts = case.build_scorer(), case.counts()
+    scorer, counts = case.build_scorer().train(way != "cascade"), case.counts()
     descriptors = {
         kind: normalize(torch.randn(count, DESCRIPTOR_DIMS[kind], device=case.device)) for kind, count in counts.items()
     }

@@ -40,16 +40,18 @@ def run_benchmark(job: Job) -> None:
 
 
 def _growing(cfg: DictConfig, job: Job, kernel: str, model: str) -> Iterator[Row]:
-    """Rows of more and more features, until the work of the next is expected to take too long."""
+    """Rows of more and more features; each way as long as its work is not expected to take too long."""
     before: Row | None = None
+    slow: set[str] = set()
     for features in sorted(cfg.features):
         case = Case(job, kernel, model, features, cfg.device, cfg.threads)
         instances = case.instances()
         if before is not None:
-            slowest = max(way.median_s for way in before.ways.values())
-            if slowest * instances / max(before.instances, 1) > cfg.limit_s:
-                return
-        ways: dict[str, Work] = {way: prepare(case, way) for way in case.ways()}
+            growth = instances / max(before.instances, 1)
+            slow |= {way for way, figures in before.ways.items() if figures.median_s * growth > cfg.limit_s}
+        if "ours" in slow:
+            return
+        ways: dict[str, Work] = {way: prepare(case, way) for way in case.ways() if way not in slow}
         times = times_in_turn(ways, cfg.repeats)
         figures = {
             way: Figures(times[way], None if way == "products" else peak_memory_mb(work)) for way, work in ways.items()

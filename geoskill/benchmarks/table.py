@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from geoskill.benchmarks.measurement import Figures
 from geoskill.viz.curves import COLOURS, save_figure
 
-STYLES = {"ours": "o-", "plain": "s--", "products": "^:"}
+STYLES = {"ours": "o-", "cascade": "v-.", "plain": "s--", "products": "^:"}
 
 
 @final
@@ -55,7 +55,9 @@ HEAD = (
     "ours [ms]",
     "plain / ours",
     "ours / products",
+    "ours / cascade",
     "ours [MiB]",
+    "cascade [MiB]",
     "plain [MiB]",
 )
 
@@ -65,11 +67,11 @@ def markdown(rows: Sequence[Row]) -> str:
 
     >>> ways = {"ours": Figures((0.2, 0.1, 0.3), 10.0), "plain": Figures((0.8, 0.8, 0.7), 40.0)}
     >>> print(markdown([Row("p2p", "paper", 60, 1770, ways)]).splitlines()[-1])
-    | p2p | paper | 60 | 1770 | 200 | 4.00 |  | 10 | 40 |
+    | p2p | paper | 60 | 1770 | 200 | 4.00 |  |  | 10 |  | 40 |
     """
     lines = [HEAD, ("---",) * len(HEAD)]
     for row in rows:
-        ours, plain, products = (row.ways.get(name) for name in ("ours", "plain", "products"))
+        ours, cascade, plain, products = (row.ways.get(name) for name in ("ours", "cascade", "plain", "products"))
         assert ours is not None
         lines.append(
             (
@@ -80,7 +82,9 @@ def markdown(rows: Sequence[Row]) -> str:
                 f"{1000 * ours.median_s:.3g}",
                 "" if plain is None else f"{plain.median_s / ours.median_s:.2f}",
                 "" if products is None else f"{ours.median_s / products.median_s:.2f}",
+                "" if cascade is None else f"{ours.median_s / cascade.median_s:.2f}",
                 _memory(ours),
+                _memory(cascade),
                 _memory(plain),
             )
         )

@@ -1,6 +1,7 @@
 """Message passing over the motif: the paper's network (section III-B, after Gilmer et al., ICML 2017)."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple, final
 
 import torch
@@ -9,7 +10,8 @@ from torch import Tensor, nn
 
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
-from geoskill.model.chunks import MIB, in_chunks
+from geoskill.model.cascade import cascade
+from geoskill.model.chunks import MIB, Score, in_chunks
 from geoskill.model.encoder import DescriptorEncoder
 from geoskill.model.prototypes import PrototypeMixture
 from geoskill.model.read_out import build_read_out
@@ -118,11 +120,19 @@ class MessagePassing(InstanceScorer):
         prototypes: of a score of likeness to the demonstration (:class:`PrototypeMixture`), which is added to what
             message passing says; None for none. Messages let an unknown partner change the state of a known feature in
             ways that no demonstration has shown; likeness is what it cannot have.
+        cascade: K, how many instances of a frame get messages, outside training: those that are estimated to be best,
+            while the others keep the estimate (:mod:`geoskill.model.cascade`). None for all; with K instances or fewer
+            it is all of them, too.
         memory_mb: what training may keep of one batch for the backward pass, in MiB. Of a batch that needs more, states
             are computed again, a chunk of instances at a time: memory then no longer grows with their number.
 
+    In training mode (``train()``) every instance gets messages, for what is not looked at cannot be learned from. In
+    evaluation mode (``eval()``), K is of all instances that are given at once: frames of more are to be given one by
+    one, since in a batch they would compete.
+
     Raises:
-        InputError: when ``hidden_dim``, ``layers`` or ``prototypes`` is below 1, or ``memory_mb`` is not positive.
+        InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, there is a ``cascade``
+            without ``prototypes``, or ``memory_mb`` is not positive.
     """
 
     def __init__(
@@ -135,17 +145,25 @@ class MessagePassing(InstanceScorer):
         read_out: str,
         encoder_dim: int | None = None,
         prototypes: int | None = None,
+        cascade: int | None = None,
         memory_mb: float = 1024,
     ) -> None:
         super().__init__()
-        for name, value in (("hidden_dim", hidden_dim), ("layers", layers), ("prototypes", prototypes)):
+        sizes = {"hidden_dim": hidden_dim, "layers": layers, "prototypes": prototypes, "cascade": cascade}
+        for name, value in sizes.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
+        if cascade is not None and prototypes is None:
+            raise InputError(
+                f"model.cascade={cascade} chooses by likeness, and there is none with model.prototypes=null; expected a"
+                " number of prototypes, or model.cascade=null"
+            )
         if memory_mb <= 0:
             raise InputError(f"model.memory_mb={memory_mb:g}: expected a positive number of MiB")
         self.motif = motif
         self.steps = layers
         self.hidden_dim = hidden_dim
+        self.cascade = cascade
         self.memory_mb = memory_mb
         self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
@@ -171,14 +189,19 @@ class MessagePassing(InstanceScorer):
         # In the first step, a feature's state is the same in all of its instances, and so is all that is linear in it.
         fused = [layer.fused() for layer in map(self.layer, range(len(self.layers)))]
         projected = {kind: fused[0].project(states) for kind, states in hidden.items()}
-        scores = in_chunks(
+        messages: Score = partial(
+            in_chunks,
             lambda index: self._score(fused, hidden, projected, index),
-            instance_index,
             working_bytes=5 * self._bytes_of_states(),
             saved_bytes=SAVED_PER_STEP * self.steps * self._bytes_of_states(),
             memory_bytes=MIB * self.memory_mb,
         )
-        return scores if self.direct is None else scores + self.direct(descriptors, instance_index)
+        likeness = None if self.direct is None else self.direct(descriptors, instance_index)
+        if likeness is None or self.cascade is None or self.training or instance_index.shape[1] <= self.cascade:
+            scores: Tensor = messages(instance_index)
+            return scores if likeness is None else scores + likeness
+        counts = {kind: len(rows) for kind, rows in descriptors.items()}
+        return cascade(likeness, messages, self.motif, counts, instance_index, self.cascade)
 
     def _score(
         self,

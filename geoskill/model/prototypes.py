@@ -12,7 +12,8 @@ window over associations (Parzen 1962) whose weights are those of the objective 
 function network (Broomhead and Lowe 1988) with a product on top. Not in the paper.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import torch
@@ -32,6 +33,8 @@ WINDOW_SHARE = 0.055
 GAIN = 10.0
 # Fixed: when it was learned, it stayed within a fifth of this.
 SCALE = 4.0
+# Of features, for each instance: two where each pair of like features is one, and not many more.
+MOST_PAIRS = 4
 
 
 @final
@@ -84,9 +87,24 @@ class PrototypeMixture(InstanceScorer):
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
     ) -> Float[Tensor, " m"]:
         """See :meth:`InstanceScorer.forward`."""
-        # Per feature, so that an instance only has a few numbers to add.
-        likeness = {kind: self._log_likeness(kind, rows) for kind, rows in descriptors.items()}
-        logs = [_log_mixture(likeness[role], row) for role, row in zip(self.motif.roles, self.weights, strict=True)]
+        # Per feature, so that an instance only has a few numbers to add. Over the nearest prototype's, so that nothing
+        # underflows far from all of them.
+        nearest, relative = {}, {}
+        for kind, rows in descriptors.items():
+            log_likeness = self._log_likeness(kind, rows)
+            nearest[kind] = log_likeness.amax(dim=1, keepdim=True).detach()
+            relative[kind] = torch.exp(log_likeness - nearest[kind])
+        mixed = [
+            relative[role] @ torch.exp(GAIN * row) for role, row in zip(self.motif.roles, self.weights, strict=True)
+        ]
+        if _as_table(mixed, instance_index.shape[1]):
+            table = mixed[0] @ mixed[1].T
+            if len(self.motif.automorphisms) == 2:
+                table = table + table.T  # in either order
+            first, second = (nearest[role] for role in self.motif.roles)
+            scores = SCALE * (torch.log(table) + first + second.T)
+            return scores[instance_index[0], instance_index[1]]
+        logs = [nearest[role] + torch.log(u) for role, u in zip(self.motif.roles, mixed, strict=True)]
         terms = [
             torch.stack([logs[role][instance_index[node]] for role, node in enumerate(order)]).sum(dim=0)
             for order in self.motif.automorphisms
@@ -98,7 +116,15 @@ class PrototypeMixture(InstanceScorer):
         return (rows @ prototypes.T - 1.0) / window
 
 
-def _log_mixture(log_likeness: Float[Tensor, "n K"], weights: Float[Tensor, "K C"]) -> Float[Tensor, "n C"]:
-    """Logarithm of u, without underflow far from all prototypes."""
-    largest = log_likeness.amax(dim=1, keepdim=True).detach()
-    return largest + torch.log(torch.exp(log_likeness - largest) @ torch.exp(GAIN * weights))
+def _as_table(mixed: Sequence[Float[Tensor, "_ C"]], count: int) -> bool:
+    """Whether one product of matrices gives the sum over components for all pairs of features, and is worth it.
+
+    It is when most pairs are instances; in a batch, most are of two frames. And no summand may overflow or underflow:
+    learned weights are some ten nats apart, and it takes forty, but nothing forbids them.
+    """
+    pairs = math.prod(len(u) for u in mixed)
+    if len(mixed) != 2 or not 0 < pairs <= MOST_PAIRS * count:
+        return False
+    limits = torch.finfo(mixed[0].dtype)
+    smallest, largest = (math.prod(float(of(u.detach())) for u in mixed) for of in (torch.amin, torch.amax))
+    return smallest > limits.tiny and 2 * mixed[0].shape[1] * largest < limits.max

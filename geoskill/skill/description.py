@@ -57,10 +57,17 @@ def describe(
     All arguments hold plain values as in the configuration; ``features`` is what a pipeline is given.
 
     Raises:
-        InputError: when a kernel has a node type that no descriptor describes, or ``alternatives`` is below 1.
+        InputError: when a kernel has a node type that no descriptor describes, ``alternatives`` is below 1, or a
+            cascade looks at fewer instances than are listed.
     """
     if alternatives < 1:
         raise InputError(f"inference.alternatives={alternatives}: expected at least 1")
+    cascade = model.get("cascade")
+    if cascade is not None and cascade < alternatives:
+        raise InputError(
+            f"model.cascade={cascade}: expected at least inference.alternatives={alternatives}, which are listed of"
+            " each frame, or null"
+        )
     kinds = {name: _extractor(settings).node_type for name, settings in descriptors.items()}
     members: dict[str, Any] = {}
     for kernel_name, settings in kernels.items():

@@ -135,6 +135,22 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
 
 
 @pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["model.cascade=0"], ["model.cascade=0", "at least inference.alternatives=10", "null"]),
+        (["model.cascade=9"], ["model.cascade=9", "at least inference.alternatives=10", "null"]),
+        (["model.cascade=x"], ["model.cascade=x", "a whole number such as 2048 or null"]),
+        (["model.prototypes=null"], ["model.cascade=2048", "model.prototypes=null", "model.cascade=null"]),
+        (["model=paper", "model.cascade=64"], ["model.cascade=64", "model.prototypes=null", "model.cascade=null"]),
+        (["model=paper", "model.cascade=1.5"], ["model.cascade=1.5", "a whole number such as 2048 or null"]),
+        (["model=bilinear", "model.cascade=64"], ["'model.cascade'", "--cfg job"]),
+    ],
+)
+def test_cascades(refused: Callable[..., None], overrides: Sequence[str], words: Sequence[str]) -> None:
+    refused(2, ["model=default", *overrides], *words)
+
+
+@pytest.mark.parametrize(
     ("override", "words"),
     [
         ("early_stopping.patience=x", ["early_stopping.patience=x", "a whole number such as 8 or null"]),

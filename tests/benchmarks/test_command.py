@@ -30,7 +30,7 @@ def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
     ]
     assert content["machine"]["threads"] == 1
     for row in content["rows"]:
-        ways = {"ours", "plain", "products"} & row.keys()
+        ways = {"ours", "cascade", "plain", "products"} & row.keys()
         assert ways == ({"ours", "plain", "products"} if row["model"] == "default" else {"ours"})
         for way in ways:
             assert len(row[way]["seconds"]) == 2
@@ -44,6 +44,16 @@ def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
     assert ended.returncode == 0
     rows = json.loads((tmp_path / "select_out.json").read_text())["rows"]
     assert [row["features"] for row in rows] == [8, 8]
+
+
+def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at(tmp_path: Path) -> None:
+    arguments = ("models=[default]", "kernels=[p2p]", "repeats=1", "threads=1", "features=[64,80]")
+    ended = run("select_out", *arguments, f"hydra.run.dir={tmp_path}")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    few, many = json.loads((tmp_path / "select_out.json").read_text())["rows"]
+    assert (few["instances"], many["instances"]) == (2016, 3160)
+    assert "cascade" not in few
+    assert many["cascade"]["peak_mb"] < many["ours"]["peak_mb"]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ INCOMING = [[1], [0, 2], [1]]
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5), ("prototypes", 0)]
+    ("name", "value"),
+    [("hidden_dim", 0), ("hidden_dim", -1), ("layers", 0), ("layers", -5), ("prototypes", 0), ("cascade", 0)],
 )
 def test_sizes_below_one_are_refused(name: str, value: int) -> None:
     with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
@@ -66,6 +67,11 @@ def test_a_step_carries_information_one_edge_further(steps: int, reached: bool) 
         states = fused.next_states(states, fused.project(states), INCOMING)
     (gradient,) = torch.autograd.grad(states[2].sum(), start)
     assert bool(gradient[0].any()) == reached
+
+
+def test_a_cascade_without_prototypes_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^model\.cascade=8 chooses by likeness.* model\.prototypes=null; expected "):
+        MessagePassing(P2P, hidden_dim=4, layers=2, shared_weights=True, read_out="product", cascade=8)
 
 
 @pytest.mark.parametrize("memory_mb", [0, -1])

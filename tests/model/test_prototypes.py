@@ -56,6 +56,28 @@ def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
     torch.testing.assert_close(scorer(given, index).tolist(), expected, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("motif", [P2P, P2L], ids=["p2p", "p2l"])
+@pytest.mark.parametrize("spread", [1.0, 30.0], ids=["as learned", "far apart"])
+def test_all_pairs_at_once_earn_what_each_earns_by_itself(motif: Motif, spread: float) -> None:
+    """In float32. With weights 30 times as far apart, a product of matrices would underflow and overflow."""
+    torch.manual_seed(0)
+    scorer = PrototypeMixture(motif, prototypes=12, components=3)
+    with torch.no_grad():
+        for weights in scorer.weights:
+            weights.mul_(spread).clamp_(-60 / GAIN, 60 / GAIN)
+    scorer.remember({kind: features(12, dim).float() for kind, dim in motif.descriptor_dims.items()})
+    given = {kind: features(7, dim, seed=1).float().requires_grad_() for kind, dim in motif.descriptor_dims.items()}
+    index = torch.combinations(torch.arange(7)).T if motif is P2P else torch.cartesian_prod(*[torch.arange(7)] * 2).T
+    wanted = [*given.values(), *scorer.parameters()]
+    together, one_by_one = (
+        [scores, *torch.autograd.grad(scores.square().mean().sqrt(), wanted)]
+        for scores in (scorer(given, index), torch.cat([scorer(given, instance[:, None]) for instance in index.T]))
+    )
+    for found, expected in zip(together, one_by_one, strict=True):
+        assert torch.isfinite(found).all()
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
 def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
     scorer = PrototypeMixture(P2P, prototypes=64).double()
     given = features(16)
