@@ -131,8 +131,8 @@ class MessagePassing(InstanceScorer):
     one, since in a batch they would compete.
 
     Raises:
-        InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, there is a ``cascade``
-            without ``prototypes``, or ``memory_mb`` is not positive.
+        InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, or ``memory_mb`` is not
+            positive.
     """
 
     def __init__(
@@ -153,11 +153,6 @@ class MessagePassing(InstanceScorer):
         for name, value in sizes.items():
             if value is not None and value < 1:
                 raise InputError(f"model.{name}={value}: expected at least 1")
-        if cascade is not None and prototypes is None:
-            raise InputError(
-                f"model.cascade={cascade} chooses by likeness, and there is none with model.prototypes=null; expected a"
-                " number of prototypes, or model.cascade=null"
-            )
         if memory_mb <= 0:
             raise InputError(f"model.memory_mb={memory_mb:g}: expected a positive number of MiB")
         self.motif = motif
@@ -196,10 +191,13 @@ class MessagePassing(InstanceScorer):
             saved_bytes=SAVED_PER_STEP * self.steps * self._bytes_of_states(),
             memory_bytes=MIB * self.memory_mb,
         )
-        likeness = None if self.direct is None else self.direct(descriptors, instance_index)
-        if likeness is None or self.cascade is None or self.training or instance_index.shape[1] <= self.cascade:
-            scores: Tensor = messages(instance_index)
-            return scores if likeness is None else scores + likeness
+        count = instance_index.shape[1]
+        if self.direct is None:
+            likeness = next(iter(hidden.values())).new_zeros(count)
+        else:
+            likeness = self.direct(descriptors, instance_index)
+        if self.cascade is None or self.training or count <= self.cascade:
+            return messages(instance_index) + likeness
         counts = {kind: len(rows) for kind, rows in descriptors.items()}
         return cascade(likeness, messages, self.motif, counts, instance_index, self.cascade)
 

@@ -140,8 +140,6 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
         (["model.cascade=0"], ["model.cascade=0", "at least inference.alternatives=10", "null"]),
         (["model.cascade=9"], ["model.cascade=9", "at least inference.alternatives=10", "null"]),
         (["model.cascade=x"], ["model.cascade=x", "a whole number such as 2048 or null"]),
-        (["model.prototypes=null"], ["model.cascade=2048", "model.prototypes=null", "model.cascade=null"]),
-        (["model=paper", "model.cascade=64"], ["model.cascade=64", "model.prototypes=null", "model.cascade=null"]),
         (["model=paper", "model.cascade=1.5"], ["model.cascade=1.5", "a whole number such as 2048 or null"]),
         (["model=bilinear", "model.cascade=64"], ["'model.cascade'", "--cfg job"]),
     ],

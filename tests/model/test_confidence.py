@@ -17,7 +17,9 @@ def test_by_hand() -> None:
 def test_it_knows_no_origin_and_no_unit_of_scores() -> None:
     scores = torch.randn(50, generator=torch.Generator().manual_seed(0)) * 7
     usual = leads(scores).max()
-    torch.testing.assert_close(confidences(3 * scores + 100, 3 * usual), confidences(scores, usual), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(
+        confidences(3 * scores + 100, 3 * usual), confidences(scores, usual), rtol=1e-4, atol=1e-5
+    )
 
 
 def test_without_a_usual_lead_it_is_the_select_out() -> None:

@@ -69,11 +69,6 @@ def test_a_step_carries_information_one_edge_further(steps: int, reached: bool) 
     assert bool(gradient[0].any()) == reached
 
 
-def test_a_cascade_without_prototypes_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^model\.cascade=8 chooses by likeness.* model\.prototypes=null; expected "):
-        MessagePassing(P2P, hidden_dim=4, layers=2, shared_weights=True, read_out="product", cascade=8)
-
-
 @pytest.mark.parametrize("memory_mb", [0, -1])
 def test_no_memory_is_refused(memory_mb: float) -> None:
     with pytest.raises(InputError, match=rf"^model\.memory_mb={memory_mb}: expected a positive number of MiB$"):

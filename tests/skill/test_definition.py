@@ -180,9 +180,17 @@ def test_an_ensemble_constrains_what_its_members_do_together() -> None:
     points, lines = features_of(POINT, [CUP, SHELF]), features_of(LINE, [HAND])
     result = InferenceResult(
         (
-            Association("p2p", "sift", 1, 0.5, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)),
             Association(
-                "p2l", "sift+lbd", 1, 0.25, 0.25, (Node(POINT, (2.0, 3.0), 1), Node(LINE, (0.0, 1.0, 2.0, 3.0), 0)), (-7.0,)
+                "p2p", "sift", 1, 0.5, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)
+            ),
+            Association(
+                "p2l",
+                "sift+lbd",
+                1,
+                0.25,
+                0.25,
+                (Node(POINT, (2.0, 3.0), 1), Node(LINE, (0.0, 1.0, 2.0, 3.0), 0)),
+                (-7.0,),
             ),
         ),
         np.array([3.0, 4.0, -7.0]),
