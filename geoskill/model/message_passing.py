@@ -197,7 +197,8 @@ class MessagePassing(InstanceScorer):
         else:
             likeness = self.direct(descriptors, instance_index)
         if self.cascade is None or self.training or count <= self.cascade:
-            return messages(instance_index) + likeness
+            scores: Tensor = messages(instance_index) + likeness
+            return scores
         counts = {kind: len(rows) for kind, rows in descriptors.items()}
         return cascade(likeness, messages, self.motif, counts, instance_index, self.cascade)
 
