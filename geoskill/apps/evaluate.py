@@ -23,7 +23,7 @@ def evaluate(cfg: DictConfig) -> None:
         InputError: for an unusable skill, video or regions file.
     """
     from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store, load_skill, required
+    from geoskill.apps.inputs import array_store, load_skill, require_temporal, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import score, score_viewpoint
@@ -40,6 +40,7 @@ def evaluate(cfg: DictConfig) -> None:
         required(cfg, "regions", "a JSON file of labelled regions")
     if cfg.every < 1:
         raise InputError(f"every={cfg.every}: expected at least 1")
+    require_temporal(cfg.inference.temporal)
     skill = load_skill(cfg)
     choices, store = HydraConfig.get().runtime.choices, array_store(cfg)
     if simulated:

@@ -19,18 +19,19 @@ def infer(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill or video.
     """
-    from geoskill.apps.inputs import load_skill, required, selection
+    from geoskill.apps.inputs import load_skill, required, selection, use_threads
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import write_inference
     from geoskill.features.sources import open_frames
 
     quiet_libraries()
+    threads = use_threads(cfg.threads)
     video = required(cfg, "video", "a video file, a folder of images or a camera's number")
     skill = load_skill(cfg)
     infer_next = selection(skill, cfg.inference.temporal)
     source = open_frames(str(video), cfg.frame_rate)
     folder = Path(HydraConfig.get().runtime.output_dir)
-    write_inference(skill, infer_next, source, source, folder, cfg.minimum_confidence, {})
+    write_inference(skill, infer_next, source, source, folder, cfg.minimum_confidence, {}, threads)
     print(folder)
 
 
