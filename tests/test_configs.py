@@ -252,7 +252,7 @@ def test_what_is_timed_is_what_is_learned_by_default() -> None:
     timed, train = compose("pipeline"), compose("train")
     for part in ("kernel", "descriptor", "model", "features"):
         assert timed[part] == train[part]
-    assert timed.alternatives == train.inference.alternatives
+    assert timed.inference.alternatives == train.inference.alternatives
 
 
 @pytest.mark.parametrize("name", options("scenario"))

@@ -5,7 +5,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from geoskill.apps.command import run_command
+from geoskill.apps.command import let_idle_threads_sleep, run_command
 
 
 def main() -> None:
@@ -19,6 +19,7 @@ def infer(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill or video.
     """
+    let_idle_threads_sleep()
     from geoskill.apps.inputs import load_skill, required, selection, use_threads
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import write_inference

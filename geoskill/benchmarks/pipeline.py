@@ -6,19 +6,10 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from geoskill.apps.command import run_command
-from geoskill.apps.footage import simulated_footage
-from geoskill.apps.inputs import array_store, open_recording, use_threads
-from geoskill.apps.progress import quiet_libraries
+from geoskill.apps.command import let_idle_threads_sleep, run_command
 from geoskill.apps.settings import refusing
-from geoskill.benchmarks.command import check_run, machine
-from geoskill.benchmarks.measurement import Figures, times_in_turn
-from geoskill.benchmarks.rates import plain_rates, rates_figure, rates_table
-from geoskill.benchmarks.stages import EXTRACT, Stages
-from geoskill.benchmarks.table import write_files
 from geoskill.errors import InputError
 from geoskill.features.frames import FrameSource
-from geoskill.skill.description import build, describe
 
 
 def measure(cfg: DictConfig) -> None:
@@ -27,13 +18,25 @@ def measure(cfg: DictConfig) -> None:
     Raises:
         InputError: for whatever the configuration or the video has wrong.
     """
+    let_idle_threads_sleep()
+    from geoskill.apps.inputs import use_threads
+    from geoskill.apps.progress import quiet_libraries
+    from geoskill.benchmarks.command import check_run, machine
+    from geoskill.benchmarks.measurement import Figures, times_in_turn
+    from geoskill.benchmarks.rates import plain_rates, rates_figure, rates_table
+    from geoskill.benchmarks.stages import EXTRACT, Stages
+    from geoskill.benchmarks.table import write_files
+    from geoskill.skill.description import build, describe
+
     check_run(cfg)
     if cfg.frames < 1:
         raise InputError(f"frames={cfg.frames}: expected at least 1")
     quiet_libraries()
     threads = use_threads(cfg.threads)
     plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
-    description = describe(plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.alternatives)
+    description = describe(
+        plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
+    )
     with refusing("model"):
         parts = build(description)
     stages = Stages.of(_source(cfg), cfg.frames, parts, cfg.device, threads)
@@ -56,6 +59,9 @@ def measure(cfg: DictConfig) -> None:
 
 
 def _source(cfg: DictConfig) -> FrameSource:
+    from geoskill.apps.footage import simulated_footage
+    from geoskill.apps.inputs import array_store, open_recording
+
     if cfg.video is not None:
         return open_recording(cfg.video, None)
     choices = HydraConfig.get().runtime.choices

@@ -42,10 +42,10 @@ def rates_table(ways: Mapping[str, Figures], frames: int, reference: str) -> str
     """A line for each way; the arguments are those of :func:`plain_rates`.
 
     >>> print(rates_table({"read": Figures((0.1,)), "extract": Figures((0.4,))}, 20, "extract").splitlines()[-2])
-    | read | 200 | 4.00 |
+    | read | 200 | 4 |
     """
     lines = [
-        (name, f"{frames / figures.median_s:.3g}", f"{relative_rate(figures, ways[reference]):.2f}")
+        (name, f"{frames / figures.median_s:.3g}", f"{relative_rate(figures, ways[reference]):.3g}")
         for name, figures in ways.items()
     ]
     return as_table(("work", "frames/s", f"over {reference}"), lines)
