@@ -32,8 +32,11 @@ OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / gro
 EXPERIMENTS = [name for group, name in OPTIONS if group == "experiment"]
 ARTIFACTS = [name for group, name in OPTIONS if group == "artifact"]
 SIMULATED = [name for group, name in OPTIONS if group == "task" and name != "video"]
-# What a skill is learned from is also what it is scored on.
-SHARED = {"task": ["evaluate", "train"], "scenario": ["evaluate", "train"]}
+# What a skill is learned from is also what it is scored on, and both are what is timed.
+SHARED = {
+    **{group: ["evaluate", "pipeline", "train"] for group in ("task", "scenario")},
+    **{group: ["pipeline", "train"] for group in ("kernel", "descriptor", "model")},
+}
 
 
 def options(group: str) -> list[str]:
@@ -243,6 +246,13 @@ def test_without_a_word_a_skill_is_learned_from_a_person_who_sorts_and_scored_on
     train, evaluate = compose("train", return_hydra_config=True), compose("evaluate", return_hydra_config=True)
     assert (train.hydra.runtime.choices.task, train.hydra.runtime.choices.scenario) == ("sorting", "human")
     assert (evaluate.hydra.runtime.choices.task, evaluate.hydra.runtime.choices.scenario) == (None, "robot")
+
+
+def test_what_is_timed_is_what_is_learned_by_default() -> None:
+    timed, train = compose("pipeline"), compose("train")
+    for part in ("kernel", "descriptor", "model", "features"):
+        assert timed[part] == train[part]
+    assert timed.inference.alternatives == train.inference.alternatives
 
 
 @pytest.mark.parametrize("name", options("scenario"))

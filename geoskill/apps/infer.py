@@ -5,7 +5,7 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from geoskill.apps.command import run_command
+from geoskill.apps.command import let_idle_threads_sleep, run_command
 
 
 def main() -> None:
@@ -19,19 +19,21 @@ def infer(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill or video.
     """
-    from geoskill.apps.inputs import load_skill, require_selection, required, selection
+    let_idle_threads_sleep()
+    from geoskill.apps.inputs import load_skill, require_selection, required, selection, use_threads
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.reporting import write_inference
     from geoskill.features.sources import open_frames
 
     quiet_libraries()
+    threads = use_threads(cfg.threads)
     video = required(cfg, "video", "a video file, a folder of images or a camera's number")
     require_selection(cfg.inference)
     skill = load_skill(cfg)
     infer_next = selection(skill, cfg.inference)
     source = open_frames(str(video), cfg.frame_rate)
     folder = Path(HydraConfig.get().runtime.output_dir)
-    write_inference(skill, infer_next, source, source, folder, cfg.minimum_weight, {})
+    write_inference(skill, infer_next, source, source, folder, cfg.minimum_weight, {}, threads)
     print(folder)
 
 

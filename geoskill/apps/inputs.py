@@ -1,7 +1,7 @@
 """Reading what several commands are given."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -12,13 +12,22 @@ from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.camera import Camera
+from geoskill.features.feature_set import FeatureSet
 from geoskill.features.frames import FrameSource
 from geoskill.features.sources import open_frames
 from geoskill.skill.association import InferenceResult, without_doubtful
 from geoskill.skill.skill import Skill
 from geoskill.skill.steady import SteadySkill
 
-Infer = Callable[[UInt8[np.ndarray, "height width 3"]], InferenceResult]
+
+@runtime_checkable
+class Infer(Protocol):
+    """What selects associations; see :meth:`Skill.infer`."""
+
+    def __call__(
+        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None, /
+    ) -> InferenceResult:
+        """Those of the next frame."""
 
 
 def required(cfg: DictConfig, key: str, expected: str) -> Any:
@@ -59,6 +68,19 @@ def load_skill(cfg: DictConfig) -> Skill:
     return Skill.load(str(path), device=cfg.device, cache=None if store is None else FeatureCache(store))
 
 
+def use_threads(threads: int | None) -> int:
+    """Let PyTorch take so many threads; None for as many as it likes. Others than PyTorch go by what this returns.
+
+    Raises:
+        InputError: when they are fewer than one.
+    """
+    if threads is not None:
+        if threads < 1:
+            raise InputError(f"threads={threads}: expected at least 1")
+        torch.set_num_threads(threads)
+    return torch.get_num_threads()
+
+
 def array_store(cfg: DictConfig) -> ArrayStore | None:
     """Where features and recordings are kept between runs, if they are."""
     return ArrayStore(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
@@ -89,4 +111,4 @@ def selection(skill: Skill, inference: DictConfig) -> Infer:
     """
     require_selection(inference)
     select = skill.infer if inference.temporal == "none" else SteadySkill(skill).infer
-    return lambda frame: without_doubtful(select(frame), inference.abstain)
+    return lambda frame, features=None, /: without_doubtful(select(frame, features), inference.abstain)

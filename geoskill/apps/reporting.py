@@ -2,8 +2,8 @@
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,7 +13,9 @@ import yaml
 from geoskill.apps.inputs import Infer
 from geoskill.apps.progress import show_progress
 from geoskill.errors import InputError
+from geoskill.features.ahead import map_ahead
 from geoskill.features.camera import Camera
+from geoskill.features.feature_set import FeatureSet
 from geoskill.features.frames import Frame, FrameSource
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
@@ -31,6 +33,7 @@ def write_inference(
     folder: Path,
     minimum_weight: float,
     metrics: Mapping[str, int | float],
+    threads: int,
 ) -> dict[str, Any]:
     """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
 
@@ -45,6 +48,8 @@ def write_inference(
         folder: an existing folder.
         minimum_weight: of the select-out; other associations than the best are not drawn below it.
         metrics: figures to add where there are none of the same name.
+        threads: of how many frames the features are extracted at once, while associations are selected in another;
+            with one, each frame is done with before the next is read.
 
     Raises:
         InputError: where the source is damaged.
@@ -55,13 +60,15 @@ def write_inference(
     count = 0
     failure: BaseException | None = None
     title = Path(source.name).name
+    total = len(frames) if isinstance(frames, Sized) else None
     with (
         replacing(folder / "associations.jsonl") as lines,
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
+        closing(extracted_ahead(skill, frames, threads, live=isinstance(source, Camera))) as extracted,
     ):
         try:
-            for frame in show_progress(frames, "selecting associations"):
-                result = infer(frame.image)
+            for frame, features in show_progress(extracted, "selecting associations", total):
+                result = infer(frame.image, features)
                 for line in association_lines(frame, result):
                     lines.write(json.dumps(line) + "\n")
                 video.write(
@@ -103,6 +110,25 @@ def write_inference(
     if failure is not None:
         raise failure
     return summary
+
+
+def extracted_ahead(
+    skill: Skill, frames: Iterable[Frame], threads: int, *, live: bool
+) -> Generator[tuple[Frame, dict[str, FeatureSet]], None, None]:
+    """Frames with their features, read and extracted while those before are in use; to be closed.
+
+    Args:
+        skill: has the extractors.
+        frames: one after the other; may be endless.
+        threads: how many are worked on at once; see :func:`~geoskill.features.ahead.map_ahead`.
+        live: no more than one frame is ahead, so that what is selected is never older than the work on two frames
+            takes. Where that takes longer than the camera, the driver keeps a few pictures, and drops the others.
+    """
+
+    def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
+        return frame, skill.extract(frame.image)
+
+    return map_ahead(extract, frames, threads=threads, ahead=1 if live else None)
 
 
 def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:

@@ -44,10 +44,8 @@ def train(cfg: DictConfig) -> None:
         )
     _check_ranges(cfg)
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
-    import torch
-
     from geoskill.apps.footage import DEMONSTRATION, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store, require_selection, selection
+    from geoskill.apps.inputs import array_store, require_selection, selection, use_threads
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
     from geoskill.apps.scoring import score
@@ -65,8 +63,7 @@ def train(cfg: DictConfig) -> None:
 
     quiet_libraries()
     require_selection(cfg.inference)
-    if cfg.threads is not None:
-        torch.set_num_threads(cfg.threads)
+    threads = use_threads(cfg.threads)
     folder = Path(HydraConfig.get().runtime.output_dir)
     plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
     description = describe(
@@ -122,6 +119,7 @@ def train(cfg: DictConfig) -> None:
         horizon=cfg.demonstration.horizon,
         strangers=cfg.demonstration.strangers,
         progress=show_progress,
+        threads=threads,
     )
     if stored is not None:
         _check_same_spans(cfg, stored, demonstration.spans)
@@ -151,7 +149,7 @@ def train(cfg: DictConfig) -> None:
         # Figures of training and of all frames keep their meaning, labelled or not.
         metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
     infer = selection(skill, cfg.inference)
-    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_weight, metrics)
+    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_weight, metrics, threads)
     _log_results(trainer, folder, summary)
     print(folder)
 

@@ -1,4 +1,4 @@
-"""What both benchmarks do: go through kernels, models and numbers of features as long as there is time."""
+"""What benchmarks share, and what those of one frame and of one step do: more and more features while there is time."""
 
 import platform
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ def run_benchmark(job: Job) -> None:
                     rows.append(row)
                     print(markdown([row]).splitlines()[-1], flush=True)
                     # After every row: what has been measured is not lost when the rest takes too long.
-                    write_report(rows, _machine(cfg), folder, job)
+                    write_report(rows, machine(cfg, cfg.threads), folder, job)
         print("\n" + markdown(rows))
         print(folder)
 
@@ -70,23 +70,34 @@ def _check(cfg: DictConfig) -> None:
     for features in cfg.features:
         if not isinstance(features, int) or features < 2:
             raise InputError(f"features={features}: expected whole numbers of at least 2")
-    for key in ("repeats", "threads"):
-        if cfg[key] < 1:
-            raise InputError(f"{key}={cfg[key]}: expected at least 1")
+    if cfg.threads < 1:
+        raise InputError(f"threads={cfg.threads}: expected at least 1")
     if cfg.limit_s <= 0:
         raise InputError(f"limit_s={cfg.limit_s:g}: expected a positive number of seconds")
+    check_run(cfg)
+
+
+def check_run(cfg: DictConfig) -> None:
+    """Refuse a number of repetitions or a device that cannot be.
+
+    Raises:
+        InputError: in that case.
+    """
+    if cfg.repeats < 1:
+        raise InputError(f"repeats={cfg.repeats}: expected at least 1")
     if cfg.device not in ("cpu", "cuda"):
         raise InputError(f"device={cfg.device}: expected cpu or cuda")
     if cfg.device == "cuda" and not torch.cuda.is_available():
         raise InputError("device=cuda: PyTorch finds no GPU here; expected device=cpu")
 
 
-def _machine(cfg: DictConfig) -> dict[str, Any]:
+def machine(cfg: DictConfig, threads: int) -> dict[str, Any]:
+    """What the figures are of."""
     gpu = torch.cuda.get_device_name() if cfg.device == "cuda" else None
     return {
         "processor": platform.processor() or platform.machine(),
         "gpu": gpu,
-        "threads": cfg.threads,
+        "threads": threads,
         "torch": torch.__version__,
         "repeats": cfg.repeats,
     }

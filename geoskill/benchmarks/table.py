@@ -69,7 +69,7 @@ def markdown(rows: Sequence[Row]) -> str:
     >>> print(markdown([Row("p2p", "paper", 60, 1770, ways)]).splitlines()[-1])
     | p2p | paper | 60 | 1770 | 200 | 4.00 |  |  | 10 |  | 40 |
     """
-    lines = [HEAD, ("---",) * len(HEAD)]
+    lines = []
     for row in rows:
         ours, cascade, plain, products = (row.ways.get(name) for name in ("ours", "cascade", "plain", "products"))
         assert ours is not None
@@ -88,7 +88,12 @@ def markdown(rows: Sequence[Row]) -> str:
                 _memory(plain),
             )
         )
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    return as_table(HEAD, lines)
+
+
+def as_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ("---",) * len(head), *lines)) + "\n"
 
 
 def _memory(figures: Figures | None) -> str:
@@ -98,9 +103,14 @@ def _memory(figures: Figures | None) -> str:
 def write_report(rows: Sequence[Row], machine: Mapping[str, Any], folder: Path, name: str) -> None:
     """``NAME.json``, ``NAME.md`` and ``NAME.png`` in a folder."""
     content = {"machine": dict(machine), "rows": [row.plain() for row in rows]}
+    write_files(content, markdown(rows), growth_figure(rows), folder, name)
+
+
+def write_files(content: Mapping[str, Any], table: str, figure: Figure, folder: Path, name: str) -> None:
+    """``NAME.json``, ``NAME.md`` and ``NAME.png``, whatever is in them."""
     (folder / f"{name}.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
-    (folder / f"{name}.md").write_text(markdown(rows), encoding="utf-8")
-    save_figure(growth_figure(rows), folder / f"{name}.png")
+    (folder / f"{name}.md").write_text(table, encoding="utf-8")
+    save_figure(figure, folder / f"{name}.png")
 
 
 def growth_figure(rows: Sequence[Row]) -> Figure:

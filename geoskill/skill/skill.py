@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
+from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import motif_graph
 from geoskill.model.kernel_model import KernelModel
@@ -70,27 +71,39 @@ class Skill:
             raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
         return cls(parts)
 
-    def infer(self, frame: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
+    def infer(
+        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+    ) -> InferenceResult:
         """The associations that define the task in one RGB frame, whatever frames came before.
+
+        Args:
+            frame: the picture.
+            features: what :meth:`extract` found in it, when that has been done.
 
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
-        observation = self.observe(frame)
+        observation = self.observe(frame, features)
         return observation.result(
             {name: scored.associations(scored.best(self.alternatives)) for name, scored in observation.members.items()}
         )
 
-    @torch.no_grad()
-    def observe(self, frame: UInt8[np.ndarray, "height width 3"]) -> Observation:
-        """The scores of all instances in one RGB frame.
+    def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> dict[str, FeatureSet]:
+        """What each extractor finds in one RGB frame, by the extractor's name; of several frames at once if wanted.
 
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
             raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
-        features = {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
+        return {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
+
+    @torch.no_grad()
+    def observe(
+        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+    ) -> Observation:
+        """The scores of all instances in one RGB frame; the arguments and errors are those of :meth:`infer`."""
+        features = self.extract(frame) if features is None else features
         members = {}
         for name, member in self.members.items():
             graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})

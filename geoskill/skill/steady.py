@@ -12,7 +12,7 @@ few selected features are followed, and only to know them again: which associati
 says of the descriptors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
+from geoskill.features.feature_set import FeatureSet
 from geoskill.features.flow import follow_few
 from geoskill.features.patches import are_alike, patches_at
 from geoskill.kernels.kernel import Kernel
@@ -72,16 +73,22 @@ class SteadySkill:
         self._kept: dict[str, _Kept] = {}
         self._before: UInt8[np.ndarray, "height width"] | None = None
 
-    def infer(self, frame: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
+    def infer(
+        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+    ) -> InferenceResult:
         """The associations of the next RGB frame: of each member first the kept one, then the best of the others.
 
         A kept association with a feature that was not detected has the confidence of the last frame in which all were,
         and its nodes lie where the flow leads; such a node has no ``feature``.
 
+        Args:
+            frame: the picture.
+            features: what :meth:`Skill.extract` found in it, when that has been done.
+
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
-        observation = self.skill.observe(frame)
+        observation = self.skill.observe(frame, features)
         grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._before is not None and self._before.shape != grey.shape:
             self._kept = {}

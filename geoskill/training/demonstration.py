@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from geoskill.errors import InputError
+from geoskill.features.ahead import Progress, map_all
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
@@ -24,7 +25,7 @@ from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.training.journeys import journeys
 from geoskill.training.strangers import find_strangers, with_strangers
-from geoskill.training.tracks import Progress, chain_motions, neighbour_flows
+from geoskill.training.tracks import chain_motions, neighbour_flows
 
 Transition = dict[str, dict[str, MotifGraph]]
 
@@ -70,6 +71,7 @@ class Demonstration(Dataset[Transition]):
         horizon: see :func:`time_spans`.
         strangers: how many features that never were there each frame is given (:mod:`geoskill.training.strangers`).
         progress: shows progress over a sequence.
+        threads: how many frames are worked on at once; what comes out does not depend on it.
 
     Raises:
         InputError: when ``gap`` or ``horizon`` does not fit, or no frame has an instance of some member.
@@ -85,29 +87,36 @@ class Demonstration(Dataset[Transition]):
         horizon: float,
         strangers: int,
         progress: Progress,
+        threads: int = 1,
     ) -> None:
         self.frame_count = len(frames)
         self.spans = time_spans(len(frames), gap, horizon)
         self.members = dict(members)
         numbers = range(len(frames))
         self._transitions = [(t, i) for i, span in enumerate(self.spans) for t in numbers[:-span]]
-        self._features: dict[str, list[FeatureSet]] = {name: [] for name in pipelines}
-        for t in progress(numbers, "extracting features"):
-            for name, pipeline in pipelines.items():
-                self._features[name].append(pipeline.extract(frames[t]))
+
+        def extract(frame: np.ndarray) -> dict[str, FeatureSet]:
+            return {name: pipeline.extract(frame) for name, pipeline in pipelines.items()}
+
+        extracted = map_all(
+            extract, frames, numbers, threads=threads, progress=progress, description="extracting features"
+        )
+        self._features = {name: [features[name] for features in extracted] for name in pipelines}
         for name, member in self.members.items():
             if not any(self._has_instance(member, t) for t in numbers):
                 raise InputError(
                     f"no frame of the demonstration has an association of {name}; expected features of type"
                     f" {' and '.join(member.extractors)} (raise features.min_side or choose another descriptor)"
                 )
-        flows = neighbour_flows(frames, gap, progress)
+        flows = neighbour_flows(frames, gap, progress, threads)
         self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
             name: chain_motions(found, flows, gap, self.spans) for name, found in self._features.items()
         }
         self._strangers_per_frame = strangers
         wanted = pipelines if strangers > 0 else {}
-        self._strangers = {name: find_strangers(frames, pipeline, progress) for name, pipeline in wanted.items()}
+        self._strangers = {
+            name: find_strangers(frames, pipeline, progress, threads) for name, pipeline in wanted.items()
+        }
         shorter_side = min(frames[0].shape[:2])
         self._journeys = {name: journeys(found, flows, gap, shorter_side) for name, found in self._features.items()}
 

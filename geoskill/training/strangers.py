@@ -6,18 +6,18 @@ negatives, and both, and of pictures of dead leaves; associations with them earn
 the corner of any bright rectangle looks like its mirror image. To prefer what is not found everywhere is their use.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
 
+from geoskill.features.ahead import Progress, map_all
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import Journey, Motion
 from geoskill.training.dead_leaves import dead_leaves
-from geoskill.training.tracks import Progress
 
 # Frames of the demonstration, spread over it, from which strangers are taken.
 SOURCES = 16
@@ -32,22 +32,33 @@ CHANGES: tuple[Callable[[Picture], Picture], ...] = (
 )
 
 
-def find_strangers(frames: Sequence[Picture], pipeline: FeaturePipeline, progress: Progress) -> FeatureSet:
+def find_strangers(
+    frames: Sequence[Picture], pipeline: FeaturePipeline, progress: Progress, threads: int = 1
+) -> FeatureSet:
     """The strangers of one extractor, the same for the same frames.
 
     Args:
         frames: of the demonstration.
         pipeline: the extractor.
         progress: shows progress over the frames that are taken.
+        threads: of how many of these the pictures are worked on at once.
     """
     random = np.random.default_rng(0)
     height, width = frames[0].shape[:2]
     chosen = np.unique(np.linspace(0, len(frames) - 1, SOURCES).round().astype(int)).tolist()
-    found = []
-    for t in progress(chosen, "finding strangers"):
-        pictures = [change(frames[t]) for change in CHANGES]
-        pictures += [dead_leaves(height, width, random) for _ in range(LEAVES)]
-        found += [pipeline.extract(np.ascontiguousarray(picture)) for picture in pictures]
+
+    def pictures() -> Iterator[list[Picture]]:  # taken in one order, whatever the threads, and so drawn in one order
+        for t in chosen:
+            changed = [np.ascontiguousarray(change(frames[t])) for change in CHANGES]
+            yield changed + [dead_leaves(height, width, random) for _ in range(LEAVES)]
+
+    def extract(pictures: list[Picture]) -> list[FeatureSet]:
+        return [pipeline.extract(picture) for picture in pictures]
+
+    of_frames = map_all(
+        extract, pictures(), chosen, threads=threads, progress=progress, description="finding strangers"
+    )
+    found = [features for of_frame in of_frames for features in of_frame]
     descriptors = np.concatenate([each.descriptors for each in found])
     geometry = np.concatenate([each.geometry for each in found])
     return FeatureSet(found[0].node_type, descriptors, geometry, np.zeros(len(geometry), np.float32))

@@ -9,7 +9,7 @@ Each arrow follows the features of all earlier frames along one optical flow, so
 short one. A feature that is lost once stays lost.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -17,12 +17,11 @@ import numpy as np
 import torch
 from jaxtyping import Bool, Float32
 
+from geoskill.features.ahead import Progress, map_all
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.flow import Flow, dense_flow, follow_along
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import Motion
-
-Progress = Callable[[Sequence[int], str], Iterable[int]]
 
 
 @final
@@ -40,15 +39,21 @@ class Track:
     followed: Bool[np.ndarray, " n"]
 
 
-def neighbour_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress) -> list[Flow]:
+def neighbour_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress, threads: int = 1) -> list[Flow]:
     """The flow from every frame ``t`` to frame ``t + hop``.
 
     Args:
         frames: ``[H, W, 3]`` RGB pictures.
         hop: frames between the two of a flow.
         progress: shows progress over the frames.
+        threads: how many flows are computed at once.
     """
-    return [dense_flow(frames[t], frames[t + hop]) for t in progress(range(len(frames) - hop), "following motion")]
+    starts = range(len(frames) - hop)
+
+    def flow(start: int) -> Flow:
+        return dense_flow(frames[start], frames[start + hop])
+
+    return map_all(flow, starts, starts, threads=threads, progress=progress, description="following motion")
 
 
 def chain_motions(

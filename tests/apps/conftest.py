@@ -70,6 +70,7 @@ def command(
         monkeypatch.setenv(name, environment[name])
     for name in ("HYDRA_FULL_ERROR", "WANDB_SILENT"):  # the commands set them; what is set here ends with the test
         monkeypatch.setenv(name, "1")
+    monkeypatch.setenv("OMP_WAIT_POLICY", "PASSIVE")
     monkeypatch.chdir(ROOT)
 
     def run(name: str, *arguments: str) -> Ended:

@@ -317,6 +317,8 @@ def test_skills_and_videos_of_infer(
     check_error(command("infer", f"skill={skill}", video, "inference.temporal=1", run), 2, "inference.temporal=1")
     check_error(command("infer", f"skill={skill}", video, "frame_rate=x", run), 2, "frame_rate=x", "number")
     check_error(command("infer", f"skill={skill}", video, "seed=1", run), 2, "'seed'", "--cfg job")
+    check_error(command("infer", f"skill={skill}", video, "threads=0", run), 2, "threads=0", "at least 1")
+    check_error(command("infer", f"skill={skill}", video, "threads=x", run), 2, "threads=x", "whole number")
 
     corrupt = tmp_path / "corrupt.ckpt"
     for content in (b"", b"no checkpoint", skill.read_bytes()[:-3000]):
@@ -342,13 +344,14 @@ def test_skills_and_videos_of_infer(
         (["task=video"], ["task=video is no simulated task", "task=sorting", "regions="]),
         (["task=welding"], ["task/welding", "sorting"]),
         (["task=sorting", "scenario=fog"], ["scenario/fog", "illumination"]),
+        # Before anything is read or rendered.
+        (["task=sorting", "skill=no.ckpt", "inference.temporal=often"], ["inference.temporal=often", "none or filter"]),
         (["task=sorting", "scenario.severity=9"], ["scenario.severity=9", "0 to 1.5"]),
         (["task=sorting", "scenario=human", "scenario.confidence=0"], ["scenario.confidence=0", "more than 0"]),
         (["task=sorting", "scenario.actor=dog"], ["scenario.actor=dog", "human or robot"]),
         (["task=sorting", "seed=abc"], ["seed=abc", "whole number"]),
         (["task=sorting", "seed=-1"], ["seed=-1", "0 or more"]),
         (["task=sorting", "every=0"], ["every=0", "at least 1"]),
-        (["task=sorting", "inference.temporal=often"], ["inference.temporal=often", "none or filter"]),
         (["task=sorting", "inference.abstain=x"], ["inference.abstain=x", "number"]),
         (["scenario=occlusion"], ["video is not set", "task=…"]),
     ],

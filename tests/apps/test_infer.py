@@ -1,17 +1,23 @@
 """``python infer.py`` on folders and videos."""
 
 import json
+import time
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import av
+import cv2
 import numpy as np
 import pytest
 import yaml
 
 from geoskill.apps.reporting import write_inference
+from geoskill.features.camera import Camera
 from geoskill.features.frames import Frame, FrameSource
+from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
 
 Command = Callable[..., Any]
@@ -87,6 +93,44 @@ def test_a_video_file(
         assert sum(1 for _ in container.decode(video=0)) == 7
 
 
+def test_what_is_done_ahead_changes_no_byte(
+    script: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    """Nothing is cached, so that everything is extracted by as many threads as it says."""
+    for threads in (1, 3):
+        run = [f"threads={threads}", "cache.enabled=false", f"hydra.run.dir={tmp_path / str(threads)}"]
+        ended = script("infer", f"skill={skill}", f"video={demonstration_folder}", *run)
+        assert (ended.status, ended.stderr) == (0, "")
+    for name in ("associations.jsonl", "skill.yaml", "metrics.json"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "3" / name).read_bytes()
+    assert len(associations(tmp_path / "3")) >= 20
+
+
+def test_a_camera_is_one_frame_ahead_and_released_by_ctrl_c(
+    skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = Mock(spec=cv2.VideoCapture)
+    capture.get.return_value = 30.0
+    capture.read.side_effect = [(True, frame[:, :, ::-1]) for frame in demonstration_frames]
+    monkeypatch.setattr(cv2, "VideoCapture", lambda index: capture)
+    loaded, used = Skill.load(skill), count()
+
+    def interrupted(*given: Any) -> InferenceResult:
+        place = next(used)
+        time.sleep(0.2)  # slower than the camera, which could be far ahead by now
+        assert capture.read.call_count == place + 2
+        if place == 3:
+            capture.release.reset_mock()
+            raise KeyboardInterrupt
+        return loaded.infer(*given)
+
+    camera = Camera(0)
+    summary = write_inference(loaded, interrupted, camera, camera, tmp_path, 0.1, {}, threads=2)
+    capture.release.assert_called_once_with()
+    assert summary["frames"] == 3
+    assert {line["frame"] for line in associations(tmp_path)} == {0, 1, 2}
+
+
 class Interrupted(FrameSource):
     """Two frames, then Ctrl-C."""
 
@@ -107,14 +151,17 @@ class Interrupted(FrameSource):
         raise KeyboardInterrupt
 
 
-def test_ctrl_c_keeps_what_there_is(skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_ctrl_c_keeps_what_there_is(
+    threads: int, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
     loaded, source = Skill.load(skill), Interrupted(demonstration_frames[0])
     with pytest.raises(KeyboardInterrupt):
-        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {})
+        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {}, threads)
     assert {line["frame"] for line in associations(tmp_path)} == {0, 1}
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 2
     # A second time, the results of the first are earlier ones, which stay.
     (tmp_path / "associations.jsonl").write_text("earlier")
     with pytest.raises(KeyboardInterrupt):
-        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {})
+        write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {}, threads)
     assert (tmp_path / "associations.jsonl").read_text() == "earlier"

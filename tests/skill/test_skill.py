@@ -12,6 +12,7 @@ import torch
 from geoskill import Skill as PublicSkill
 from geoskill.errors import InputError
 from geoskill.skill.skill import Skill, read_checkpoint
+from geoskill.skill.steady import SteadySkill
 
 
 @pytest.fixture
@@ -260,6 +261,16 @@ def test_it_says_the_same_again(skill_file: Path, frame: np.ndarray, demonstrati
     again, other = skill.infer(frame.copy()), Skill.load(skill_file).infer(frame)
     assert first.associations == again.associations == other.associations
     assert np.array_equal(first.error, again.error)
+
+
+def test_features_that_have_been_extracted_are_taken(
+    skill: Skill, frame: np.ndarray, demonstration_frames: Any
+) -> None:
+    other = demonstration_frames[-1]
+    for selecting in (skill.infer, SteadySkill(skill).infer):
+        assert selecting(frame, skill.extract(frame)).associations == skill.infer(frame).associations
+    assert skill.infer(frame, skill.extract(other)).associations == skill.infer(other).associations
+    assert skill.infer(other).associations != skill.infer(frame).associations
 
 
 def test_a_frame_with_nothing_in_it(skill: Skill) -> None:

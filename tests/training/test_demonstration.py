@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from geoskill.errors import InputError
+from geoskill.features.ahead import Progress
 from geoskill.features.flow import follow_features
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.description import build
 from geoskill.training.demonstration import Demonstration, time_spans
-from geoskill.training.tracks import Progress
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -136,6 +136,30 @@ def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], descript
 
     demonstration_of(demonstration_frames[:4], description, progress=progress)
     assert told == [("extracting features", 4), ("following motion", 2)]
+
+
+def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
+    parts = build(description)
+    one, three = (
+        Demonstration(
+            demonstration_frames[:8],
+            parts.pipelines,
+            parts.members,
+            gap=2,
+            horizon=0.0,
+            strangers=5,
+            progress=lambda items, text: items,
+            threads=threads,
+        )
+        for threads in (1, 3)
+    )
+    for index in range(len(one)):
+        for name, graphs in one[index].items():
+            for which, graph in graphs.items():
+                other = three[index][name][which]
+                assert graph.keys() == other.keys()
+                for key, value in graph.items():
+                    assert torch.equal(value, other[key]) if isinstance(value, torch.Tensor) else value == other[key]
 
 
 def test_frames_without_any_association_are_refused(training_of: Callable[..., Training]) -> None:

@@ -1,0 +1,170 @@
+"""``python -m geoskill.benchmarks.pipeline``: a whole small one, and its refusals."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from geoskill.benchmarks.measurement import Figures
+from geoskill.benchmarks.rates import relative_rate
+from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
+from geoskill.features.video import ImageFolder
+from geoskill.skill.description import build
+from geoskill.skill.skill import Skill
+
+WAYS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "geoskill.benchmarks.pipeline", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_table_a_file_and_a_picture(demonstration_folder: Path, tmp_path: Path) -> None:
+    small = ("model.hidden_dim=8", "model.prototypes=5", "features.min_side=0", "features.max_features=10")
+    arguments = (f"video={demonstration_folder}", "frames=3", "repeats=2", "threads=2")
+    ended = run(*small, *arguments, f"hydra.run.dir={tmp_path}")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    content = json.loads((tmp_path / "pipeline.json").read_text())
+    assert (content["source"], content["frames"]) == (str(demonstration_folder), 3)
+    assert (content["image_size"], content["machine"]["threads"]) == ([160, 120], 2)
+    assert content["skill"]["model"]["hidden_dim"] == 8
+    assert list(content["ways"]) == WAYS
+    for way in content["ways"].values():
+        assert len(way["seconds"]) == 2
+        assert way["frames_per_second"] == pytest.approx(3 / (sum(way["seconds"]) / 2))
+    assert content["ways"]["extract"]["over_extract"] == 1
+    table = (tmp_path / "pipeline.md").read_text()
+    assert table in ended.stdout
+    assert [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[2:]] == WAYS
+    assert (tmp_path / "pipeline.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_pytorch_waits_for_the_setting_of_its_threads() -> None:
+    """It reads it once, when it is imported."""
+    program = (
+        "import os, sys\n"
+        "import geoskill.apps.infer, geoskill.benchmarks.pipeline\n"
+        "assert 'torch' not in sys.modules\n"
+        "from geoskill.apps.command import let_idle_threads_sleep\n"
+        "let_idle_threads_sleep()\n"
+        "assert os.environ['OMP_WAIT_POLICY'] == os.environ.get('WANTED', 'PASSIVE')\n"
+    )
+    kept = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    for given in ({}, {"OMP_WAIT_POLICY": "ACTIVE", "WANTED": "ACTIVE"}):
+        ended = subprocess.run([sys.executable, "-c", program], env={**kept, **given}, check=False)
+        assert ended.returncode == 0
+
+
+def test_rates_are_compared_within_a_round() -> None:
+    """A machine that gets ten times as slow after a round changes no ratio."""
+    assert relative_rate(Figures((1.0, 10.0, 10.0)), Figures((2.0, 20.0, 20.0))) == 2.0
+
+
+@pytest.fixture
+def stages(demonstration_folder: Path, description: dict[str, Any]) -> Stages:
+    return Stages.of(ImageFolder(demonstration_folder), 4, build(description), "cpu", 3)
+
+
+def test_every_way_goes_through_all_frames_with_the_same_skill(
+    stages: Stages, demonstration_frames: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ways = stages.ways()
+    extracted: list[bytes] = []
+    observed: list[bytes] = []
+    extract, observe = Skill.extract, Skill.observe
+
+    def noted(list_of: list[bytes], real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(skill: Skill, frame: np.ndarray, *features: Any) -> Any:
+            list_of.append(frame.tobytes())
+            return real(skill, frame, *features)
+
+        return call
+
+    monkeypatch.setattr(Skill, "extract", noted(extracted, extract))
+    monkeypatch.setattr(Skill, "observe", noted(observed, observe))
+    frames = [frame.tobytes() for frame in demonstration_frames[:4]]
+    for name, work in ways.items():
+        extracted.clear()
+        observed.clear()
+        work()
+        # Threads may begin with any of those that are at hand.
+        assert sorted(extracted) == (sorted(frames) if name.startswith((EXTRACT, "all")) else [])
+        assert observed == (frames if name.startswith(("select", "all")) else [])
+    assert list(ways)[-1] == OVERLAPPED
+
+
+def test_the_skill_remembers_the_video(stages: Stages) -> None:
+    known = {row.tobytes() for found in stages.features for row in found["sift"].descriptors}
+    for member in stages.skill.members.values():
+        prototypes = member.scorer.direct.get_buffer("point_prototypes")
+        assert {row.numpy().tobytes() for row in prototypes} <= known
+        assert not torch.equal(prototypes[0], prototypes[1])
+    assert all(one is not other for one, other in pairwise(stages.frames))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["frames=0"], "frames=0: expected at least 1"),
+        (["repeats=0"], "repeats=0: expected at least 1"),
+        (["threads=0"], "threads=0: expected at least 1"),
+        (["threads=x"], "threads=x: expected a whole number"),
+        (["device=tpu"], "device=tpu: expected cpu or cuda"),
+        (["inference.alternatives=0"], "inference.alternatives=0: expected at least 1"),
+        (["model.hidden_dim=0"], "model.hidden_dim=0: expected at least 1"),
+        (["features.max_features=1"], "features.max_features=1: expected at least 2"),
+        (["descriptor=lbd"], "kernel=p2p joins a point"),
+        (["video=/no/such.mp4"], "'/no/such.mp4' does not exist"),
+        (["video=98"], "camera 98: cannot be opened"),
+        (["task=video"], "task=video is no simulated task; expected one such as task=sorting, or video="),
+        (["scenario.severity=9"], "scenario.severity=9"),
+        (["kernel=p2q"], "In 'pipeline': Could not find 'kernel/p2q'"),
+        (["frame=8"], "Could not override 'frame'"),
+    ],
+)
+def test_bad_input(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from hydra.core.global_hydra import GlobalHydra
+
+    from geoskill.apps.command import run_command
+    from geoskill.benchmarks.pipeline import measure
+
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    monkeypatch.setenv("OMP_WAIT_POLICY", "PASSIVE")
+    monkeypatch.setattr(sys, "argv", ["pipeline", *arguments, f"hydra.run.dir={tmp_path}"])
+    GlobalHydra.instance().clear()
+    with pytest.raises(SystemExit) as ending:
+        run_command("pipeline", measure)
+    said = capsys.readouterr().err
+    assert ending.value.code == 2
+    assert said.startswith(f"error: {message}")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "pipeline.json").exists()
+
+
+def test_a_video_without_a_feature(tmp_path: Path, description: dict[str, Any]) -> None:
+    import cv2
+
+    from geoskill.errors import InputError
+
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((60, 80, 3), np.uint8))
+    with pytest.raises(InputError, match=r"no point in 1 frames; expected some for p2p_sift"):
+        Stages.of(ImageFolder(tmp_path), 4, build(description), "cpu", 2)
