@@ -1,4 +1,4 @@
-"""How much of what meets in one picture meets in another: the bound that a single view puts on strict accuracy.
+"""How much of what meets in one picture meets in another: what strict accuracy a single view lets one expect.
 
 A demonstration shows which features come together *as its camera sees them*. The lid of a box that stands on a tile
 does not touch the tile: its corner and a point of the tile that it hides lie on one line of sight, and on no other one.

@@ -145,7 +145,7 @@ def without_doubtful(result: InferenceResult, least: float) -> InferenceResult:
         return result
     kept = tuple(each for each in result.associations if each.member not in doubtful)
     reasons = {
-        member: f"no association visible: the best has a confidence of {confidence:.2g}, less than {least:g}"
+        member: f"no association visible: the selected one has a confidence of {confidence:.2g}, less than {least:g}"
         for member, confidence in doubtful.items()
     }
     errors = [np.array(each.error) for each in kept if each.rank == 1]

@@ -82,7 +82,7 @@ def test_a_doubtful_member_selects_nothing_and_says_so() -> None:
     np.testing.assert_array_equal(left.error, [-2.0, -2.0])
     assert left.reasons == {
         ("l2l", "lbd"): "no instance: 1 lines found",
-        ("p2p", "sift"): "no association visible: the best has a confidence of 0.12, less than 0.2",
+        ("p2p", "sift"): "no association visible: the selected one has a confidence of 0.12, less than 0.2",
     }
     assert without_doubtful(result, 0.125) is result, "what has just the confidence is selected"
     nothing = without_doubtful(result, 1.0)
