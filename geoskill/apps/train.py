@@ -157,7 +157,6 @@ def train(cfg: DictConfig) -> None:
 def _check_ranges(cfg: DictConfig) -> None:
     """What no object checks when it is built."""
     for key, lowest, expected in (
-        ("threads", 1, "at least 1"),
         ("task.every", 1, "at least 1"),
         ("demonstration.descriptor_noise", 0, "0 or more"),
         ("demonstration.strangers", 0, "0 or more"),

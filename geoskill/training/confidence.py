@@ -11,13 +11,15 @@ from geoskill.training.demonstration import Demonstration
 def fit_usual_lead(members: dict[str, KernelModel], demonstration: Demonstration) -> None:
     """Fit each member's ``usual_lead``: the median over the demonstration's frames of the best score's lead.
 
-    Frames with fewer than two associations have none and are left out.
+    Frames with fewer than two associations have none and are left out. The members are in evaluation mode afterwards,
+    for the scores are to be those that a skill uses: in training mode a cascade scores all instances exactly.
 
     Args:
         members: by name, with the weights that they are to be used with.
         demonstration: the one they were trained on.
     """
     for name, member in members.items():
+        member.eval()
         graphs = (demonstration.frame(name, t) for t in range(demonstration.frame_count))
         scores = [member(graph) for graph in graphs if graph.instance_index.shape[1] > 1]
         if scores:

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 import torch
 
+from geoskill.model.confidence import leads
 from geoskill.training.confidence import fit_usual_lead
 
 Training = Any
@@ -21,3 +22,26 @@ def test_it_is_the_median_over_the_frames(training: Training) -> None:
             expected.append(float(scores.max() - scores.mean()))
         assert float(member.usual_lead) == pytest.approx(torch.tensor(expected).median().item())
         assert not member.usual_lead.requires_grad
+
+
+def test_it_is_that_of_the_scores_that_a_skill_uses(training: Training) -> None:
+    """Which, of more instances than a cascade looks at, are partly estimates."""
+    model = {
+        "_target_": "geoskill.model.message_passing.MessagePassing",
+        "_partial_": True,
+        "hidden_dim": 8,
+        "layers": 2,
+        "shared_weights": True,
+        "read_out": "product",
+        "cascade": 3,
+    }
+    members = training.members(model)
+    name, member = next(iter(members.items()))
+    fit_usual_lead(members, training.demonstration)
+    graphs = [training.demonstration.frame(name, t) for t in range(training.demonstration.frame_count)]
+    assert all(graph.instance_index.shape[1] > 3 for graph in graphs)
+    with torch.no_grad():
+        used = torch.stack([leads(member.eval()(graph)).max() for graph in graphs]).median()
+        exact = torch.stack([leads(member.train()(graph)).max() for graph in graphs]).median()
+    assert float(member.usual_lead) == pytest.approx(float(used))
+    assert float(used) != pytest.approx(float(exact))
