@@ -5,7 +5,7 @@ import os
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import IO, Any, Literal
 
 import numpy as np
 import yaml
@@ -150,11 +150,11 @@ def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[st
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[TextIO]:
-    """A text file that takes its place only when it is complete; an older one stays when writing fails."""
+def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
+    """A file that takes its place only when it is complete; an older one stays when writing fails."""
     temporary = path.with_name(f"{path.name}.part")
     try:
-        with temporary.open("w", encoding="utf-8") as file:
+        with temporary.open(mode, encoding=None if mode == "wb" else "utf-8") as file:
             yield file
         os.replace(temporary, path)
     finally:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -224,17 +223,14 @@ def _complete(path: Path, members: Mapping[str, Any]) -> None:
     """Add to a checkpoint what could be fitted only after the training."""
     import torch
 
+    from geoskill.apps.reporting import replacing
     from geoskill.skill.skill import read_checkpoint
 
     checkpoint = read_checkpoint(path)
     for name, member in members.items():
         checkpoint["state_dict"][f"members.{name}.usual_lead"] = member.usual_lead
-    temporary = path.with_suffix(".ckpt.part")
-    try:
-        torch.save(checkpoint, temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path, "wb") as file:
+        torch.save(checkpoint, file)
 
 
 def _check_processes(trainer: Trainer) -> None:
