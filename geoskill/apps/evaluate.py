@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from geoskill.apps.command import run_command
 from geoskill.errors import InputError
@@ -47,8 +47,7 @@ def evaluate(cfg: DictConfig) -> None:
         seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
         footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], store)
     else:
-        video = {"path": cfg.video, "frame_rate": cfg.frame_rate, "regions": cfg.regions, "every": cfg.every}
-        footage = video_footage(OmegaConf.create(video), minimum=1)
+        footage = video_footage(cfg.video, cfg.frame_rate, cfg.regions, cfg.every, minimum=1)
     assert footage.labels is not None
     figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference)
     if footage.recording is not None:

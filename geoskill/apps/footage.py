@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from geoskill.apps.inputs import open_recording
 from geoskill.apps.scoring import load_labels
 from geoskill.array_store import ArrayStore
+from geoskill.errors import InputError
 from geoskill.evaluation.labels import Labels
 from geoskill.features.frames import Frame, FrameSource
 from geoskill.features.sources import read_all
@@ -70,19 +71,48 @@ class RecordingSource(FrameSource):
             yield Frame(index, index / self.frame_rate, self._recording.picture(index))
 
 
-def video_footage(task: DictConfig, minimum: int) -> Footage:
-    """A video with its labelled regions, if any.
+def demonstrations(cfg: DictConfig, store: ArrayStore | None) -> list[Footage]:
+    """What a skill is to be learned from, at least one; ground truth is that of the first.
 
     Args:
-        task: has ``path``, ``frame_rate``, ``regions`` and ``every``.
+        cfg: has ``demonstration.gap`` and a ``task`` with the ``path`` of a video or a list of them; or a simulated one
+            with ``takes``, a ``scenario`` and a ``seed``.
+        store: where recordings are kept.
+
+    Raises:
+        InputError: as :func:`video_footage` and :func:`simulated_footage`, or when there is to be none.
+    """
+    if "scene" in cfg.task:
+        if cfg.task.takes < 1:
+            raise InputError(f"task.takes={cfg.task.takes}: expected at least 1")
+        takes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, cfg.task.takes + 1))]
+        return [simulated_footage(cfg.task, cfg.scenario, cfg.seed, take, store) for take in takes]
+    paths = cfg.task.path if isinstance(cfg.task.path, ListConfig) else [cfg.task.path]
+    if not paths:
+        raise InputError("task.path=[]: expected at least one demonstration, a folder of images or a video file")
+    regions = [cfg.task.regions] + [None] * (len(paths) - 1)
+    return [
+        video_footage(path, cfg.task.frame_rate, of_path, cfg.task.every, minimum=cfg.demonstration.gap + 1)
+        for path, of_path in zip(paths, regions, strict=True)
+    ]
+
+
+def video_footage(path: object, frame_rate: float | None, regions: object, every: int, minimum: int) -> Footage:
+    """A video with its labelled regions.
+
+    Args:
+        path: of a video file or a folder of images.
+        frame_rate: frames per second; None for the video's own.
+        regions: path of the labelled regions, or None.
+        every: of which frames every so many is to be judged.
         minimum: how many frames it needs.
 
     Raises:
         InputError: when it cannot be read, has too few frames, or the regions do not fit.
     """
-    source = open_recording(task.path, task.frame_rate)
+    source = open_recording(path, frame_rate)
     frames = read_all(source, minimum=minimum)
-    labels = None if task.regions is None else load_labels(str(task.regions), frames, task.every)
+    labels = None if regions is None else load_labels(str(regions), frames, every)
     return Footage(source, frames, labels)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,10 +43,11 @@ def train(cfg: DictConfig) -> None:
         )
     _check_ranges(cfg)
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
-    from geoskill.apps.footage import DEMONSTRATION, simulated_footage, video_footage
+    from geoskill.apps.footage import demonstrations
     from geoskill.apps.inputs import array_store, require_selection, selection, use_threads
     from geoskill.apps.progress import quiet_libraries, show_progress
     from geoskill.apps.reporting import write_inference
+    from geoskill.apps.resuming import require_same_skill, require_same_spans
     from geoskill.apps.scoring import score
     from geoskill.features.cache import FeatureCache
     from geoskill.skill.description import build, describe
@@ -56,6 +57,7 @@ def train(cfg: DictConfig) -> None:
     from geoskill.training.confidence import fit_usual_lead
     from geoskill.training.datamodule import TransitionData
     from geoskill.training.demonstration import Demonstration
+    from geoskill.training.demonstrations import Demonstrations
     from geoskill.training.module import SkillTraining
     from geoskill.training.movers import fit_movers
     from geoskill.viz.curves import plot_training
@@ -71,10 +73,11 @@ def train(cfg: DictConfig) -> None:
     if simulated:  # the seed by which other recordings show the same things
         choices = HydraConfig.get().runtime.choices
         scenario = {key: value for key, value in plain["scenario"].items() if key != "_target_"}
-        description["learned_from"] = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario}
+        learned_from = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario, "takes": cfg.task.takes}
+        description["learned_from"] = learned_from
     stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
     if stored is not None:
-        _check_same_skill(cfg, stored, description)
+        require_same_skill(cfg, stored, description)
 
     store = array_store(cfg)
     cache = None if store is None else FeatureCache(store)
@@ -99,29 +102,32 @@ def train(cfg: DictConfig) -> None:
         instantiate(cfg.optimizer),
         descriptor_noise=cfg.demonstration.descriptor_noise,
         feature_dropout=cfg.demonstration.feature_dropout,
+        visible_features=cfg.demonstration.visible_features,
         seed=cfg.seed,
         description=description,
     )
     with refusing("optimizer"):
         module.configure_optimizers()  # Lightning does it again, but only when all features are extracted
 
-    if simulated:
-        footage = simulated_footage(cfg.task, cfg.scenario, cfg.seed, DEMONSTRATION, store)
-    else:
-        footage = video_footage(cfg.task, minimum=cfg.demonstration.gap + 1)
-    source, frames = footage.source, footage.frames
-    demonstration = Demonstration(
-        [frame.image for frame in frames],
-        parts.pipelines,
-        parts.members,
-        gap=cfg.demonstration.gap,
-        horizon=cfg.demonstration.horizon,
-        strangers=cfg.demonstration.strangers,
-        progress=show_progress,
-        threads=threads,
+    recordings = demonstrations(cfg, store)
+    demonstration = Demonstrations(
+        [
+            Demonstration(
+                [frame.image for frame in recording.frames],
+                parts.pipelines,
+                parts.members,
+                gap=cfg.demonstration.gap,
+                horizon=cfg.demonstration.horizon,
+                strangers=cfg.demonstration.strangers,
+                progress=show_progress,
+                name=recording.source.name,
+                threads=threads,
+            )
+            for recording in recordings
+        ]
     )
     if stored is not None:
-        _check_same_spans(cfg, stored, demonstration.spans)
+        require_same_spans(cfg, stored, demonstration.spans)
     for name, member in parts.members.items():
         member.scorer.remember(demonstration.descriptors(name))
     fit_reward_scale(parts.members, demonstration, objective)
@@ -137,18 +143,20 @@ def train(cfg: DictConfig) -> None:
     fit_usual_lead(parts.members, demonstration)  # of the averaged weights, which the members have now
     _complete(folder / CHECKPOINT, parts.members)
     plot_training(folder / "metrics.csv", folder / "training.png")
-    skill = Skill(parts)
+    skill, footage = Skill(parts), recordings[0]  # the others only teach
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     if footage.labels is not None:
         # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.
         always = DictConfig({**cfg.inference, "abstain": 0.0})
-        figures, _ = score(skill, frames, footage.labels, cfg.task.every, always)
+        figures, _ = score(skill, footage.frames, footage.labels, cfg.task.every, always)
         figures["judged_frames"] = figures["frames"]
         # Figures of training and of all frames keep their meaning, labelled or not.
         metrics = {name: value for name, value in figures.items() if isinstance(value, int | float)} | metrics
     infer = selection(skill, cfg.inference)
-    summary = write_inference(skill, infer, frames, source, folder, cfg.inference.minimum_weight, metrics, threads)
+    summary = write_inference(
+        skill, infer, footage.frames, footage.source, folder, cfg.inference.minimum_weight, metrics, threads
+    )
     _log_results(trainer, folder, summary)
     print(folder)
 
@@ -159,6 +167,7 @@ def _check_ranges(cfg: DictConfig) -> None:
         ("task.every", 1, "at least 1"),
         ("demonstration.descriptor_noise", 0, "0 or more"),
         ("demonstration.strangers", 0, "0 or more"),
+        ("demonstration.visible_features", 2, "at least 2, or null"),
         ("early_stopping.patience", 0, "0 or more, or null"),
     ):
         value = OmegaConf.select(cfg, key)
@@ -242,35 +251,6 @@ def _check_processes(trainer: Trainer) -> None:
             f"trainer.devices={trainer.num_devices} in a sweep; expected one process for each of its runs (trainer=cpu"
             " or trainer=gpu)"
         )
-
-
-def _check_same_skill(cfg: DictConfig, checkpoint: dict[str, Any], wanted: dict[str, Any]) -> None:
-    stored = checkpoint["skill"]
-    for part in ("members", "extractors", "model", "features"):
-        theirs, ours = stored.get(part), wanted[part]
-        if theirs != ours:
-            if part in ("members", "extractors") and set(theirs) != set(ours):
-                theirs, ours = ", ".join(theirs), ", ".join(ours)  # their names tell enough
-            raise InputError(f"ckpt_path={cfg.ckpt_path}: its {part} are {theirs}; expected those of this run, {ours}")
-    if stored.get("learned_from") != wanted.get("learned_from"):
-        raise InputError(
-            f"ckpt_path={cfg.ckpt_path}: learned from {stored.get('learned_from', 'a video')}; expected what this run"
-            f" learns from, {wanted.get('learned_from', 'a video')}"
-        )
-    epochs = checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"]
-    if -1 < cfg.trainer.max_epochs <= epochs:
-        raise InputError(
-            f"ckpt_path={cfg.ckpt_path}: has all of its {epochs} epochs; expected trainer.max_epochs to be more"
-        )
-
-
-def _check_same_spans(cfg: DictConfig, checkpoint: dict[str, Any], spans: Sequence[int]) -> None:
-    for name, values in checkpoint["state_dict"].items():
-        if name.endswith(".spans") and values.tolist() != list(spans):
-            raise InputError(
-                f"ckpt_path={cfg.ckpt_path}: learned from transitions over {values.tolist()} frames;"
-                f" expected those of this demonstration, {list(spans)}"
-            )
 
 
 def _log_results(trainer: Trainer, folder: Path, summary: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ The ``m`` small graphs of a frame share its features, so they are not written ou
 joins. PyTorch Geometric's own ``DataLoader`` batches it.
 """
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
@@ -54,15 +55,16 @@ class Journey:
 
 @final
 class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes have no types
-    """The features of one frame and every instance of one kernel on them; build it with :func:`motif_graph`.
+    """The features of one frame and the instances of one kernel on them; build it with :func:`motif_graph`.
 
     Attributes, for each node type ``T`` of the kernel (``point``, ``line``):
+        T_count: ``[1]``, how many there are; in a batch, in each frame.
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
         T_moved, T_followed: the :class:`Motion`, in training only.
         T_places, T_since, T_final, T_arrives: the :class:`Journey`, in training only.
 
-    And for the instances:
+    And for the instances, where there are (:func:`feature_graph`):
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
         instance_frame: ``[m]``, zero; in a batch, the number of the frame that an instance belongs to.
         roles: the kernel's node types.
@@ -90,7 +92,7 @@ def motif_graph(
     motion: Mapping[NodeType, Motion] | None = None,
     journey: Mapping[NodeType, Journey] | None = None,
 ) -> MotifGraph:
-    """The graph of one frame.
+    """The graph of one frame, with every instance.
 
     Args:
         kernel: gives the node types and the instances.
@@ -98,10 +100,21 @@ def motif_graph(
         motion: for each node type, where the features went; for training.
         journey: for each node type, where they came from and where they end; for training.
     """
+    return with_instances(kernel, feature_graph(kernel, features, motion, journey))
+
+
+def feature_graph(
+    kernel: Kernel,
+    features: Mapping[NodeType, FeatureSet],
+    motion: Mapping[NodeType, Motion] | None = None,
+    journey: Mapping[NodeType, Journey] | None = None,
+) -> MotifGraph:
+    """The same without instances, to which :func:`with_instances` adds those that are wanted."""
     graph = MotifGraph()
     types = node_types(kernel)
     for node_type in types:
         found = features[node_type]
+        graph[f"{node_type}_count"] = torch.tensor([len(found)])
         graph[f"{node_type}_descriptor"] = torch.from_numpy(found.descriptors)
         graph[f"{node_type}_geometry"] = torch.from_numpy(found.geometry)
         if motion is not None:
@@ -110,12 +123,42 @@ def motif_graph(
         if journey is not None:
             for name in ("places", "since", "final", "arrives"):
                 graph[f"{node_type}_{name}"] = getattr(journey[node_type], name)
-    counts = {node_type: len(features[node_type]) for node_type in types}
-    graph.num_nodes = sum(counts.values())
+    graph.num_nodes = sum(len(features[node_type]) for node_type in types)
     graph.roles = tuple(str(role) for role in kernel.roles)
-    graph.instance_index = kernel.instances(counts)
-    graph.instance_frame = torch.zeros(graph.instance_index.shape[1], dtype=torch.long)
     return graph
+
+
+def with_instances(
+    kernel: Kernel, graph: MotifGraph, visible: Mapping[NodeType, Bool[Tensor, " n"]] | None = None
+) -> MotifGraph:
+    """A copy of a graph, or of a batch of graphs, that has every instance of visible features and no others.
+
+    Features keep their rows. A frame may be left without any instance.
+
+    Args:
+        kernel: gives the instances.
+        graph: one frame or a batch of frames.
+        visible: for each of the kernel's node types, whether a feature is; None for all.
+    """
+    rows: dict[NodeType, list[Tensor]] = {}
+    for kind in node_types(kernel):
+        counts = graph[f"{kind}_count"].tolist()
+        of_kind = torch.arange(sum(counts), device=graph[f"{kind}_geometry"].device)
+        rows[kind] = list(torch.split(of_kind, counts))
+        if visible is not None:
+            shown = torch.split(visible[kind], counts)
+            rows[kind] = [row[seen] for row, seen in zip(rows[kind], shown, strict=True)]
+    found = []
+    for frame in range(len(rows[kernel.roles[0]])):
+        of_frame = {kind: of_kind[frame] for kind, of_kind in rows.items()}
+        index = kernel.instances({kind: len(row) for kind, row in of_frame.items()})
+        nodes = zip(kernel.roles, index, strict=True)
+        found.append(torch.stack([of_frame[role][row.to(of_frame[role].device)] for role, row in nodes]))
+    complete = copy.copy(graph)
+    complete.instance_index = torch.cat(found, dim=1)
+    sizes = torch.tensor([index.shape[1] for index in found], device=complete.instance_index.device)
+    complete.instance_frame = torch.arange(len(found), device=sizes.device).repeat_interleave(sizes)
+    return complete
 
 
 def gather_nodes(

@@ -11,7 +11,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.goal import arrival
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.objective.reward import ErrorChange, beta_from_changes, error_change
-from geoskill.training.demonstration import Demonstration
+from geoskill.training.transitions import Transitions
 
 
 def error_changes(member: KernelModel, graph: MotifGraph, kind: ErrorChange) -> Float[Tensor, " m"]:
@@ -51,9 +51,7 @@ def _of_nodes(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tenso
     return torch.stack([values[role][row] for role, row in zip(member.kernel.roles, graph.instance_index, strict=True)])
 
 
-def fit_reward_scale(
-    members: dict[str, KernelModel], demonstration: Demonstration, objective: ObjectiveSettings
-) -> None:
+def fit_reward_scale(members: dict[str, KernelModel], demonstration: Transitions, objective: ObjectiveSettings) -> None:
     """Fit each member's beta to the demonstration, one for every span of time (METHOD #12).
 
     Raises:

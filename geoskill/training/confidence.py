@@ -4,11 +4,11 @@ import torch
 
 from geoskill.model.confidence import leads
 from geoskill.model.kernel_model import KernelModel
-from geoskill.training.demonstration import Demonstration
+from geoskill.training.transitions import Transitions
 
 
 @torch.no_grad()
-def fit_usual_lead(members: dict[str, KernelModel], demonstration: Demonstration) -> None:
+def fit_usual_lead(members: dict[str, KernelModel], demonstration: Transitions) -> None:
     """Fit each member's ``usual_lead``: the median over the demonstration's frames of the best score's lead.
 
     Frames with fewer than two associations have none and are left out. The members are in evaluation mode afterwards,
@@ -20,7 +20,6 @@ def fit_usual_lead(members: dict[str, KernelModel], demonstration: Demonstration
     """
     for name, member in members.items():
         member.eval()
-        graphs = (demonstration.frame(name, t) for t in range(demonstration.frame_count))
-        scores = [member(graph) for graph in graphs if graph.instance_index.shape[1] > 1]
+        scores = [member(graph) for graph in demonstration.frames(name) if graph.instance_index.shape[1] > 1]
         if scores:
             member.set_usual_lead(torch.stack([leads(each).max() for each in scores]).median())

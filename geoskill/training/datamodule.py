@@ -7,7 +7,7 @@ from torch.utils.data import DistributedSampler
 from torch_geometric.loader import DataLoader
 
 from geoskill.errors import InputError
-from geoskill.training.demonstration import Demonstration, Transition
+from geoskill.training.transitions import Transition, Transitions
 
 
 @final
@@ -23,7 +23,7 @@ class TransitionData(LightningDataModule):
         InputError: when ``batch_size`` is below 1.
     """
 
-    def __init__(self, demonstration: Demonstration, *, batch_size: int, seed: int) -> None:
+    def __init__(self, demonstration: Transitions, *, batch_size: int, seed: int) -> None:
         super().__init__()
         if batch_size < 1:
             raise InputError(f"demonstration.batch_size={batch_size}: expected at least 1")

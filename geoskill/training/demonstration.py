@@ -8,26 +8,28 @@
                      G' <----- G             each instance of G knows how its own error changed since t
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import final
 
 import numpy as np
 import torch
+from jaxtyping import Bool
 from torch import Tensor
-from torch.utils.data import Dataset
 
 from geoskill.errors import InputError
 from geoskill.features.ahead import Progress, map_all
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
+from geoskill.graphs.motif_graph import MotifGraph, Motion, feature_graph, motif_graph, with_instances
 from geoskill.model.kernel_model import KernelModel
 from geoskill.training.journeys import journeys
 from geoskill.training.strangers import find_strangers, with_strangers
 from geoskill.training.tracks import chain_motions, neighbour_flows
+from geoskill.training.transitions import Transition, Transitions
 
-Transition = dict[str, dict[str, MotifGraph]]
+# Features of a frame that are observed: what is fitted to thousands of transitions does not need the instances of more.
+MOST_OBSERVED = 100
 
 
 def time_spans(frame_count: int, gap: int, horizon: float) -> tuple[int, ...]:
@@ -60,7 +62,7 @@ def time_spans(frame_count: int, gap: int, horizon: float) -> tuple[int, ...]:
 
 
 @final
-class Demonstration(Dataset[Transition]):
+class Demonstration(Transitions):
     """The transitions of one demonstration, over all spans, for every member of the ensemble.
 
     Args:
@@ -71,6 +73,7 @@ class Demonstration(Dataset[Transition]):
         horizon: see :func:`time_spans`.
         strangers: how many features that never were there each frame is given (:mod:`geoskill.training.strangers`).
         progress: shows progress over a sequence.
+        name: what it is called in messages.
         threads: how many frames are worked on at once; what comes out does not depend on it.
 
     Raises:
@@ -87,13 +90,14 @@ class Demonstration(Dataset[Transition]):
         horizon: float,
         strangers: int,
         progress: Progress,
+        name: str = "the demonstration",
         threads: int = 1,
     ) -> None:
         self.frame_count = len(frames)
-        self.spans = time_spans(len(frames), gap, horizon)
+        self._spans = time_spans(len(frames), gap, horizon)
         self.members = dict(members)
         numbers = range(len(frames))
-        self._transitions = [(t, i) for i, span in enumerate(self.spans) for t in numbers[:-span]]
+        self._transitions = [(t, i) for i, span in enumerate(self._spans) for t in numbers[:-span]]
 
         def extract(frame: np.ndarray) -> dict[str, FeatureSet]:
             return {name: pipeline.extract(frame) for name, pipeline in pipelines.items()}
@@ -102,15 +106,15 @@ class Demonstration(Dataset[Transition]):
             extract, frames, numbers, threads=threads, progress=progress, description="extracting features"
         )
         self._features = {name: [features[name] for features in extracted] for name in pipelines}
-        for name, member in self.members.items():
+        for of_member, member in self.members.items():
             if not any(self._has_instance(member, t) for t in numbers):
                 raise InputError(
-                    f"no frame of the demonstration has an association of {name}; expected features of type"
+                    f"no frame of {name} has an association of {of_member}; expected features of type"
                     f" {' and '.join(member.extractors)} (raise features.min_side or choose another descriptor)"
                 )
         flows = neighbour_flows(frames, gap, progress, threads)
         self._motions: dict[str, Mapping[tuple[int, int], Motion]] = {
-            name: chain_motions(found, flows, gap, self.spans) for name, found in self._features.items()
+            name: chain_motions(found, flows, gap, self._spans) for name, found in self._features.items()
         }
         self._strangers_per_frame = strangers
         wanted = pipelines if strangers > 0 else {}
@@ -128,17 +132,22 @@ class Demonstration(Dataset[Transition]):
         return len(self._transitions)
 
     def descriptors(self, name: str) -> dict[NodeType, Tensor]:
-        """``[n, D]`` for each of a member's node types: those of all features of all frames."""
+        """See :meth:`Transitions.descriptors`."""
         extractors = self.members[name].extractors
         return {
             kind: torch.from_numpy(np.concatenate([found.descriptors for found in self._features[extractor]]))
             for kind, extractor in extractors.items()
         }
 
+    @property
+    def spans(self) -> tuple[int, ...]:
+        """See :attr:`Transitions.spans`."""
+        return self._spans
+
     def __getitem__(self, index: int) -> Transition:
-        """For each member, the graphs of the ``first`` and the ``second`` frame of a transition."""
+        """See :meth:`Transitions.__getitem__`."""
         t, span_index = self._transitions[index]
-        span = self.spans[span_index]
+        span = self._spans[span_index]
         return {
             name: {
                 "first": self._graph(member, t, span, span_index),
@@ -147,15 +156,19 @@ class Demonstration(Dataset[Transition]):
             for name, member in self.members.items()
         }
 
-    def frame(self, name: str, t: int) -> MotifGraph:
-        """A member's graph of a frame as a skill sees it: what was there, and nothing of where it went."""
+    def frames(self, name: str) -> Iterator[MotifGraph]:
+        """See :meth:`Transitions.frames`."""
         member = self.members[name]
-        return motif_graph(member.kernel, {kind: self._features[x][t] for kind, x in member.extractors.items()})
+        for t in range(self.frame_count):
+            yield motif_graph(member.kernel, {kind: self._features[x][t] for kind, x in member.extractors.items()})
 
     def observed(self, name: str, index: int) -> MotifGraph:
-        """A member's graph of a transition's first frame with what was there only, no strangers."""
+        """See :meth:`Transitions.observed`."""
         t, span_index = self._transitions[index]
-        return self._graph(self.members[name], t, self.spans[span_index], span_index, strangers=False)
+        member = self.members[name]
+        graph = self._graph(member, t, self._spans[span_index], span_index, strangers=False)
+        shown = {kind: _spread(int(graph[f"{kind}_count"])) for kind in member.node_types}
+        return with_instances(member.kernel, graph, shown)
 
     def _graph(self, member: KernelModel, frame: int, span: int, span_index: int, strangers: bool = True) -> MotifGraph:
         features, motion, journey = {}, {}, {}
@@ -165,7 +178,7 @@ class Demonstration(Dataset[Transition]):
             if strangers and self._strangers_per_frame > 0:
                 found = with_strangers(*found, self._some_strangers(name, frame, span))
             features[kind], motion[kind], journey[kind] = found
-        graph = motif_graph(member.kernel, features, motion, journey)
+        graph = feature_graph(member.kernel, features, motion, journey)
         graph.span_index = torch.tensor([span_index])
         return graph
 
@@ -174,3 +187,10 @@ class Demonstration(Dataset[Transition]):
         pool = self._strangers[name]
         random = np.random.default_rng([frame, span + len(self._transitions)])
         return pool.take(random.permutation(len(pool))[: self._strangers_per_frame])
+
+
+def _spread(count: int) -> Bool[Tensor, " n"]:
+    """Of many features, some of all strengths: they are in the order of it."""
+    shown = torch.zeros(count, dtype=torch.bool)
+    shown[torch.linspace(0, count - 1, min(count, MOST_OBSERVED)).round().long()] = True
+    return shown

@@ -10,12 +10,12 @@ from lightning import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.graphs.motif_graph import MotifGraph, with_instances
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
 from geoskill.training.changes import arrivals, error_changes
-from geoskill.training.noise import noisy, with_hidden_features
+from geoskill.training.noise import noisy, visible_features
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
 
@@ -36,7 +36,8 @@ class SkillTraining(LightningModule):
         optimizer: makes an optimiser from parameters.
         descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
             over the descriptor's norm.
-        feature_dropout: probability with which a feature is hidden in a step (:func:`with_hidden_features`).
+        feature_dropout: probability with which a feature is hidden in a step (:func:`visible_features`).
+        visible_features: of each frame and type that are expected to be visible in a step, at most; None for no limit.
         seed: of the noise and of Monte-Carlo samples.
         description: plain values from which :class:`geoskill.Skill` builds the members again; stored in checkpoints.
     """
@@ -49,6 +50,7 @@ class SkillTraining(LightningModule):
         *,
         descriptor_noise: float,
         feature_dropout: float = 0.0,
+        visible_features: int | None = None,
         seed: int,
         description: Mapping[str, Any],
     ) -> None:
@@ -58,6 +60,7 @@ class SkillTraining(LightningModule):
         self.optimizer = optimizer
         self.descriptor_noise = descriptor_noise
         self.feature_dropout = feature_dropout
+        self.visible_features = visible_features
         self.seed = seed
         self.description = dict(description)
 
@@ -104,8 +107,10 @@ class SkillTraining(LightningModule):
         descriptors = member.attribute(graph, "descriptor")
         if self.descriptor_noise > 0:
             descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
-        if self.feature_dropout > 0:
-            graph = with_hidden_features(graph, self.feature_dropout, generator)
+        visible = None
+        if self.feature_dropout > 0 or self.visible_features is not None:
+            visible = visible_features(graph, member.node_types, self.feature_dropout, self.visible_features, generator)
+        graph = with_instances(member.kernel, graph, visible)
         scores, batch, num_frames = member(graph, descriptors), graph.instance_frame, int(graph.num_graphs)
         change = error_changes(member, graph, self.objective.change)
         goal: dict[str, Tensor] = {}

@@ -10,7 +10,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.objective.reward import error_change, reward
 from geoskill.training.changes import error_changes
-from geoskill.training.demonstration import Demonstration
+from geoskill.training.transitions import Transitions
 
 # Assumed at least, as a share of a descriptor's norm: without noise, few features would have no unique solution.
 LEAST_NOISE = 0.1
@@ -18,7 +18,7 @@ LEAST_NOISE = 0.1
 
 def fit_movers(
     members: dict[str, KernelModel],
-    demonstration: Demonstration,
+    demonstration: Transitions,
     objective: ObjectiveSettings,
     descriptor_noise: float,
 ) -> None:

@@ -1,10 +1,10 @@
 """What training disturbs: a single video shows each feature under one light, from one side, and never hidden."""
 
-import copy
 import math
+from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from geoskill.geometry.primitives import NodeType
@@ -20,20 +20,27 @@ def noisy(descriptors: Float[Tensor, "n d"], strength: float, generator: torch.G
     return descriptors + noise * (strength / math.sqrt(descriptors.shape[1]))
 
 
-def with_hidden_features(graph: MotifGraph, share: float, generator: torch.Generator) -> MotifGraph:
-    """A graph or batch in which each feature is hidden with probability ``share``: without the instances that have it.
+def visible_features(
+    graph: MotifGraph, types: Sequence[NodeType], share: float, most: int | None, generator: torch.Generator
+) -> dict[NodeType, Bool[Tensor, " n"]]:
+    """Which features of a graph or batch take part in a step; others are hidden, as if they were occluded.
 
-    The skill must then know which association is right when the best one cannot be seen, and a step has only
-    ``(1 - share) ** k`` of the instances to score. A frame may be left without any.
+    The skill must then know which association is right when the best one cannot be seen. And a step takes no longer
+    with more features: of many it looks at a few, others each time.
+
+    Args:
+        graph: one frame or a batch of frames.
+        types: of features.
+        share: the probability with which a feature is hidden.
+        most: features of each type that are expected to be visible in a frame, at most; None for as many as there are.
+        generator: draws them.
     """
-    # A batch lists the roles of each of its frames.
-    roles = graph.roles[0] if isinstance(graph.roles, list) else graph.roles
     visible = {}
-    for role in dict.fromkeys(roles):
-        count = graph.node_count(NodeType(role))
-        visible[role] = torch.rand(count, generator=generator, device=generator.device) >= share
-    kept = torch.stack([visible[role][row] for role, row in zip(roles, graph.instance_index, strict=True)]).all(dim=0)
-    reduced = copy.copy(graph)
-    reduced.instance_index = graph.instance_index[:, kept]
-    reduced.instance_frame = graph.instance_frame[kept]
-    return reduced
+    for kind in types:
+        counts = graph[f"{kind}_count"]
+        hidden = torch.full_like(counts, share, dtype=torch.float32)
+        if most is not None:
+            hidden = torch.maximum(hidden, 1 - most / counts.clamp_min(1))
+        drawn = torch.rand(int(counts.sum()), generator=generator, device=generator.device)
+        visible[kind] = drawn >= hidden.repeat_interleave(counts)
+    return visible

@@ -254,6 +254,11 @@ def test_folders_and_videos(
     black = write_images(tmp_path / "black", [np.zeros_like(demonstration_frames[0])] * 5)
     refused(2, [f"task.path={black}"], "no frame", "p2p_sift", "features of type point")
 
+    refused(2, [f"task.path=[{whole},{single}]"], str(single), "1 frame(s)", "at least 3")
+    refused(2, [f"task.path=[{whole},{black}]"], f"no frame of {black}", "p2p_sift")
+    refused(2, [f"task.path=[{whole},{tmp_path / 'none'}]"], str(tmp_path / "none"), "does not exist")
+    refused(2, ["task.path=[]"], "task.path=[]", "at least one demonstration")
+
     still = write_images(tmp_path / "still", [demonstration_frames[0]] * 5)
     refused(2, [f"task.path={still}"], "nothing moves", "expected a video of a task being done")
 

@@ -12,8 +12,9 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps import footage
-from geoskill.apps.footage import RecordingSource, simulated_footage, video_footage
+from geoskill.apps.footage import RecordingSource, demonstrations, simulated_footage, video_footage
 from geoskill.array_store import ArrayStore
+from geoskill.errors import InputError
 from geoskill.evaluation.labels import Region
 from geoskill.simulation import scene
 from geoskill.simulation.recording import Recording
@@ -39,9 +40,33 @@ def test_the_frames_of_a_recording(hand_made_recording: Recording) -> None:
 
 
 def test_a_video_without_regions_has_no_labels(demonstration_folder: Path) -> None:
-    task = {"path": str(demonstration_folder), "frame_rate": None, "regions": None, "every": 5}
-    found = video_footage(OmegaConf.create(task), minimum=3)
+    found = video_footage(demonstration_folder, None, regions=None, every=5, minimum=3)
     assert (len(found.frames), found.labels, found.recording) == (20, None, None)
+
+
+def test_several_videos_of_which_the_first_is_labelled(demonstration_folder: Path, tmp_path: Path) -> None:
+    labels = {"object": [[1, 1], [9, 1], [9, 9]], "target": [], "hand": []}
+    regions = tmp_path / "regions.json"
+    regions.write_text(json.dumps({"image_size": [160, 120], "frames": {"0": labels, "19": labels}}))
+    task = {"path": [str(demonstration_folder)] * 2, "frame_rate": 10.0, "regions": str(regions), "every": 5}
+    cfg = OmegaConf.create({"task": task, "demonstration": {"gap": 2}})
+    first, second = demonstrations(cfg, store=None)
+    assert (len(first.frames), len(second.frames)) == (20, 20)
+    assert second.source.frame_rate == 10.0
+    assert first.labels is not None
+    assert second.labels is None
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        ({"path": []}, r"^task\.path=\[\]: expected at least one demonstration"),
+        ({"scene": {}, "takes": 0}, r"^task\.takes=0: expected at least 1$"),
+    ],
+)
+def test_no_demonstration_at_all(task: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        demonstrations(OmegaConf.create({"task": task, "demonstration": {"gap": 2}}), store=None)
 
 
 @pytest.fixture

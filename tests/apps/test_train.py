@@ -183,6 +183,23 @@ def test_a_training_can_be_scored_on_labelled_frames(command: Command, tiny: Seq
     assert figures["frames"] == figures["frames_with_association"] == FRAMES
 
 
+def test_several_videos_teach_and_the_first_is_shown(
+    command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
+) -> None:
+    first = Path(tiny[1].removeprefix("task.path="))
+    second = tmp_path / "second"
+    second.mkdir()
+    for path in sorted(first.iterdir())[: FRAMES // 2]:
+        cv2.imwrite(str(second / path.name), cv2.imread(str(path))[:, ::-1])
+    run = tmp_path / "run"
+    ended = command("train", *tiny, f"task.path=[{first},{second}]", f"hydra.run.dir={run}")
+    assert (ended.status, ended.stderr) == (0, "")
+    assert list(dict.fromkeys(line["frame"] for line in associations(run))) == list(range(FRAMES))
+    check_video(run / "overlay.mp4", FRAMES)
+    # It has learned from both.
+    assert (run / "metrics.csv").read_text() != (trained.folder / "metrics.csv").read_text()
+
+
 def test_black_frames_stay_in_the_list(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     source = Path(tiny[1].removeprefix("task.path="))
     demonstration = tmp_path / "demonstration"

@@ -10,7 +10,14 @@ from torch_geometric.loader import DataLoader
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import MotifGraph, Motion, gather_nodes, motif_graph
+from geoskill.graphs.motif_graph import (
+    MotifGraph,
+    Motion,
+    feature_graph,
+    gather_nodes,
+    motif_graph,
+    with_instances,
+)
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
@@ -116,6 +123,29 @@ def test_instances_of_a_batch_join_the_features_of_their_own_frame(kernel: Kerne
             assert torch.equal(together[role], torch.cat([nodes[role] for nodes in one_by_one]))
     counts = [graph.instance_index.shape[1] for graph in graphs]
     assert torch.equal(batch.instance_frame, torch.repeat_interleave(torch.arange(len(graphs)), torch.tensor(counts)))
+
+
+@pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()])
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_instances_of_visible_features(kernel: Kernel, share: float) -> None:
+    """Those of all features without any that has a hidden one, in the same order; of a batch those of its frames."""
+    complete = Batch.from_data_list(frames(kernel))
+    without = Batch.from_data_list(
+        [feature_graph(kernel, frame_features(points, lines, seed)) for seed, (points, lines) in enumerate(COUNTS)]
+    )
+    assert "instance_index" not in without
+    generator = torch.Generator().manual_seed(0)
+    visible = {kind: torch.rand(without.node_count(kind), generator=generator) >= share for kind in node_types(kernel)}
+    found = with_instances(kernel, without, visible)
+    assert "instance_index" not in without
+    of_roles = zip(kernel.roles, complete.instance_index, strict=True)
+    kept = torch.stack([visible[role][row] for role, row in of_roles]).all(dim=0)
+    assert torch.equal(found.instance_index, complete.instance_index[:, kept])
+    assert torch.equal(found.instance_frame, complete.instance_frame[kept])
+    assert found.num_graphs == len(COUNTS)
+    assert torch.equal(found[f"{kernel.roles[0]}_geometry"], complete[f"{kernel.roles[0]}_geometry"])
+    everything = with_instances(kernel, without)
+    assert torch.equal(everything.instance_index, complete.instance_index)
 
 
 def _by_type(kernel: Kernel, graph: MotifGraph, attribute: str) -> dict[NodeType, torch.Tensor]:

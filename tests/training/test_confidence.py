@@ -16,9 +16,9 @@ def test_it_is_the_median_over_the_frames(training: Training) -> None:
     fit_usual_lead(members, demonstration)
     for name, member in members.items():
         expected = []
-        for t in range(demonstration.frame_count):
+        for graph in demonstration.frames(name):
             with torch.no_grad():
-                scores = member(demonstration.frame(name, t))
+                scores = member(graph)
             expected.append(float(scores.max() - scores.mean()))
         assert float(member.usual_lead) == pytest.approx(torch.tensor(expected).median().item())
         assert not member.usual_lead.requires_grad
@@ -38,7 +38,8 @@ def test_it_is_that_of_the_scores_that_a_skill_uses(training: Training) -> None:
     members = training.members(model)
     name, member = next(iter(members.items()))
     fit_usual_lead(members, training.demonstration)
-    graphs = [training.demonstration.frame(name, t) for t in range(training.demonstration.frame_count)]
+    graphs = list(training.demonstration.frames(name))
+    assert len(graphs) == training.demonstration.frame_count
     assert all(graph.instance_index.shape[1] > 3 for graph in graphs)
     with torch.no_grad():
         used = torch.stack([leads(member.eval()(graph)).max() for graph in graphs]).median()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+import geoskill.training.demonstration
 from geoskill.errors import InputError
 from geoskill.features.ahead import Progress
 from geoskill.features.flow import follow_features
@@ -177,3 +178,20 @@ def test_a_gap_longer_than_the_demonstration_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=r"has 5 frames; expected more than demonstration\.gap=5"):
         demonstration_of(demonstration_frames[:5], description, gap=5)
+
+
+def test_of_very_many_features_some_are_observed(
+    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of all strengths, the strongest and the weakest among them; a step has all of them."""
+    found = demonstration_of(demonstration_frames[:4], description)
+    name = "p2p_sift"
+    complete = found.observed(name, 0)
+    count = complete.node_count(NodeType.POINT)
+    assert count == 10
+    assert complete.instance_index.shape[1] == count * (count - 1) // 2
+    monkeypatch.setattr(geoskill.training.demonstration, "MOST_OBSERVED", 5)
+    seen = found.observed(name, 0).instance_index
+    assert seen.shape[1] == 10
+    assert (seen.min(), seen.max(), len(seen.unique())) == (0, count - 1, 5)
+    assert found[0][name]["first"].node_count(NodeType.POINT) == count

@@ -1,14 +1,19 @@
-"""Noise on descriptors has the announced size, whatever their length; hidden features take their instances along."""
+"""Noise on descriptors has the announced size, whatever their length; of features as many are hidden as is said."""
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch_geometric.data import Batch
 
-from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
+from geoskill.graphs.motif_graph import MotifGraph, feature_graph
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.model.kernel_model import KernelModel
 from geoskill.training.demonstration import Demonstration
-from geoskill.training.noise import noisy, with_hidden_features
+from geoskill.training.noise import noisy, visible_features
 
 
 def unit(rows: int, width: int) -> torch.Tensor:
@@ -55,57 +60,61 @@ def test_no_descriptors() -> None:
 
 
 @pytest.fixture(scope="module", params=["p2p_sift", "p2l_sift_lbd"])
-def batch(request: pytest.FixtureRequest, demonstration: Demonstration) -> Any:
+def member(request: pytest.FixtureRequest, training: Any) -> KernelModel:
+    found: KernelModel = training.members()[request.param]
+    return found
+
+
+@pytest.fixture(scope="module")
+def batch(member: KernelModel, request: pytest.FixtureRequest, demonstration: Demonstration) -> Any:
     """The first frames of four transitions."""
-    return Batch.from_data_list([demonstration[index][request.param]["first"] for index in range(4)])
+    name = f"{member.kernel.name}_{member.descriptor.replace('+', '_')}"
+    return Batch.from_data_list([demonstration[index][name]["first"] for index in range(4)])
 
 
-def instances(graph: MotifGraph) -> set[tuple[int, ...]]:
-    """Frame and nodes of each."""
-    return {tuple(numbers) for numbers in torch.stack([graph.instance_frame, *graph.instance_index], dim=1).tolist()}
+def drawn(
+    batch: MotifGraph, member: KernelModel, share: float, most: int | None = None, seed: int = 0
+) -> dict[NodeType, torch.Tensor]:
+    return visible_features(batch, member.node_types, share, most, torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_instances_go_with_any_of_their_features(batch: Any, seed: int) -> None:
-    reduced = with_hidden_features(batch, 0.4, torch.Generator().manual_seed(seed))
-    everything, left = instances(batch), instances(reduced)
-    assert set() < left < everything
-    assert len(left) == reduced.instance_index.shape[1] == len(reduced.instance_frame)
-    roles = batch.roles[0]
-    seen = {(role, row) for _, *rows in left for role, row in zip(roles, rows, strict=True)}
-    # Whatever is gone has a feature of which all instances are gone.
-    for _, *rows in everything - left:
-        assert not {*zip(roles, rows, strict=True)} <= seen
-    assert (reduced.instance_frame.diff() >= 0).all()
+@pytest.mark.parametrize("seed", range(3))
+def test_the_same_are_drawn_again_for_the_same_seed(batch: Any, member: KernelModel, seed: int) -> None:
+    one, same, other = (drawn(batch, member, 0.4, seed=number) for number in (seed, seed, seed + 1))
+    for kind in member.node_types:
+        assert torch.equal(one[kind], same[kind])
+        assert not torch.equal(one[kind], other[kind])
+        assert len(one[kind]) == batch.node_count(kind)
 
 
-def test_features_stay_where_they_are(batch: Any) -> None:
-    before = instances(batch)
-    reduced = with_hidden_features(batch, 0.9, torch.Generator().manual_seed(0))
-    assert instances(batch) == before
-    assert reduced.num_graphs == 4
-    for key in ("point_descriptor", "point_geometry", "point_moved", "point_followed", "span_index"):
-        assert torch.equal(reduced[key], batch[key])
+def test_the_share_of_hidden_features(batch: Any, member: KernelModel) -> None:
+    for kind in member.node_types:
+        left = [float(drawn(batch, member, 0.3, seed=seed)[kind].float().mean()) for seed in range(300)]
+        assert sum(left) / len(left) == pytest.approx(0.7, abs=0.02)
+        assert len(set(left)) > 5
 
 
-def test_the_share_of_hidden_features(batch: Any) -> None:
-    generator = torch.Generator().manual_seed(0)
-    left = [with_hidden_features(batch, 0.3, generator).instance_index.shape[1] for _ in range(300)]
-    # Both features of an instance are visible with probability 0.49.
-    assert sum(left) / len(left) / batch.instance_index.shape[1] == pytest.approx(0.49, abs=0.03)
-    assert len(set(left)) > 10
+def test_nothing_and_everything_hidden(batch: Any, member: KernelModel) -> None:
+    for kind in member.node_types:
+        assert drawn(batch, member, 0.0)[kind].all()
+        assert not drawn(batch, member, 1.0)[kind].any()
 
 
-def test_nothing_and_everything_hidden(batch: Any) -> None:
-    assert instances(with_hidden_features(batch, 0.0, torch.Generator())) == instances(batch)
-    empty = with_hidden_features(batch, 1.0, torch.Generator())
-    assert empty.instance_index.shape == (2, 0)
-    assert empty.instance_frame.shape == (0,)
+def test_of_more_features_as_many_are_visible() -> None:
+    """Frames of 400, 100, 40 and 0 features, of which 50 or half are to be visible: 50, 50, 20 and 0."""
+    frames = Batch.from_data_list(
+        [feature_graph(PointToPoint(), {NodeType.POINT: points(n)}) for n in (400, 100, 40, 0)]
+    )
+    sums = torch.zeros(4)
+    for seed in range(300):
+        visible = visible_features(frames, (NodeType.POINT,), 0.5, 50, torch.Generator().manual_seed(seed))
+        sums += torch.stack([part.sum() for part in visible[NodeType.POINT].split([400, 100, 40, 0])])
+    # SDs of the means of 300 binomial draws: at most 0.4.
+    torch.testing.assert_close(sums / 300, torch.tensor([50.0, 50, 20, 0]), atol=1.6, rtol=0)
+    unlimited = visible_features(frames, (NodeType.POINT,), 0.0, None, torch.Generator())
+    assert unlimited[NodeType.POINT].all()
 
 
-def test_a_single_frame_loses_what_a_batch_of_it_loses(demonstration: Demonstration) -> None:
-    graph = demonstration[3]["p2l_sift_lbd"]["first"]
-    alone = with_hidden_features(graph, 0.4, torch.Generator().manual_seed(1))
-    together = with_hidden_features(Batch.from_data_list([graph]), 0.4, torch.Generator().manual_seed(1))
-    assert 0 < alone.instance_index.shape[1] < graph.instance_index.shape[1]
-    assert torch.equal(alone.instance_index, together.instance_index)
+def points(count: int) -> FeatureSet:
+    places = np.arange(2 * count, dtype=np.float32).reshape(count, 2)
+    return FeatureSet(NodeType.POINT, unit(count, 4).numpy(), places, np.ones(count, np.float32))
