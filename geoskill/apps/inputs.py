@@ -65,7 +65,8 @@ def load_skill(cfg: DictConfig) -> Skill:
     except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without that device
         raise InputError(f"device={cfg.device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
     store = array_store(cfg)
-    return Skill.load(str(path), device=cfg.device, cache=None if store is None else FeatureCache(store))
+    cache = None if store is None else FeatureCache(store)
+    return Skill.load(str(path), device=cfg.device, cache=cache, precision=cfg.precision)
 
 
 def use_threads(threads: int | None) -> int:

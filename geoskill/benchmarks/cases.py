@@ -17,7 +17,7 @@ from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
 from geoskill.benchmarks.products import needed_products, product_work
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
-from geoskill.model.message_passing import MessagePassing
+from geoskill.model.message_passing import PRECISIONS, MessagePassing
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.objective.selection import select_out
 
@@ -39,6 +39,7 @@ class Case:
         features: of each of the kernel's types.
         device: of PyTorch.
         threads: of PyTorch.
+        precision: of ours and of the bare products; the plain network is as anyone would write it, in single precision.
     """
 
     job: Job
@@ -47,6 +48,7 @@ class Case:
     features: int
     device: str
     threads: int
+    precision: str = "float32"
 
     def ways(self) -> tuple[Way, ...]:
         """Those that there are: only message passing has another way to be written.
@@ -59,6 +61,10 @@ class Case:
             return ("ours",)
         shorter = self.job == "select_out" and scorer.cascade is not None and scorer.cascade < self.instances()
         return ("ours", *(("cascade",) if shorter else ()), "plain", "products")
+
+    def precisions(self) -> tuple[str, ...]:
+        """Those that the network can have."""
+        return PRECISIONS if "precision" in _configured("model", self.model) else PRECISIONS[:1]
 
     def instances(self) -> int:
         """How many there are."""
@@ -77,7 +83,10 @@ class Case:
         """The network, always with the same weights."""
         torch.manual_seed(0)
         kernel = self.build_kernel()
-        make = instantiate(_configured("model", self.model))
+        settings = _configured("model", self.model)
+        if "precision" in settings:
+            settings.precision = self.precision
+        make = instantiate(settings)
         scorer: InstanceScorer = make(Motif.of(kernel, {kind: DESCRIPTOR_DIMS[kind] for kind in kernel.roles}))
         return scorer.to(self.device)
 
@@ -100,7 +109,8 @@ def prepare(case: Case, way: Way) -> Work:
         assert isinstance(scorer, MessagePassing)
         # A backward pass has two products for each.
         times = 3 if case.job == "training" else 1
-        return product_work(needed_products(scorer, counts, index.shape[1]), case.device, torch.float32, times)
+        dtype = getattr(torch, case.precision)
+        return product_work(needed_products(scorer, counts, index.shape[1]), case.device, dtype, times)
     if way == "plain":
         assert isinstance(scorer, MessagePassing)
         network, batch = PlainNetwork(scorer), batch_of_instances(scorer, descriptors, index)

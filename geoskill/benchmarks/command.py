@@ -15,6 +15,7 @@ from geoskill.benchmarks.cases import Case, Job, prepare
 from geoskill.benchmarks.measurement import Figures, Work, peak_memory_mb, times_in_turn
 from geoskill.benchmarks.table import Row, markdown, write_report
 from geoskill.errors import InputError
+from geoskill.model.message_passing import PRECISIONS
 
 
 def run_benchmark(job: Job) -> None:
@@ -28,23 +29,29 @@ def run_benchmark(job: Job) -> None:
         rows: list[Row] = []
         for model in cfg.models:
             for kernel in cfg.kernels:
-                for row in _growing(cfg, job, kernel, model):
-                    rows.append(row)
-                    print(markdown([row]).splitlines()[-1], flush=True)
-                    # After every row: what has been measured is not lost when the rest takes too long.
-                    write_report(rows, machine(cfg, cfg.threads), folder, job)
+                for precision in cfg.precisions:
+                    for row in _growing(cfg, job, kernel, model, precision):
+                        rows.append(row)
+                        print(markdown([row]).splitlines()[-1], flush=True)
+                        # After every row: what has been measured is not lost when the rest takes too long.
+                        write_report(rows, machine(cfg, cfg.threads), folder, job)
         print("\n" + markdown(rows))
         print(folder)
 
     run_command("benchmark", measure)
 
 
-def _growing(cfg: DictConfig, job: Job, kernel: str, model: str) -> Iterator[Row]:
-    """Rows of more and more features; each way as long as its work is not expected to take too long."""
+def _growing(cfg: DictConfig, job: Job, kernel: str, model: str, precision: str) -> Iterator[Row]:
+    """Rows of more and more features; each way as long as its work is not expected to take too long.
+
+    None in a precision that the model does not have.
+    """
     before: Row | None = None
     slow: set[str] = set()
     for features in sorted(cfg.features):
-        case = Case(job, kernel, model, features, cfg.device, cfg.threads)
+        case = Case(job, kernel, model, features, cfg.device, cfg.threads, precision)
+        if precision not in case.precisions():
+            return
         instances = case.instances()
         if before is not None:
             growth = instances / max(before.instances, 1)
@@ -56,7 +63,7 @@ def _growing(cfg: DictConfig, job: Job, kernel: str, model: str) -> Iterator[Row
         figures = {
             way: Figures(times[way], None if way == "products" else peak_memory_mb(work)) for way, work in ways.items()
         }
-        before = Row(kernel, model, features, instances, figures)
+        before = Row(kernel, model, precision, features, instances, figures)
         yield before
 
 
@@ -67,6 +74,9 @@ def _check(cfg: DictConfig) -> None:
         for name in cfg[key]:
             if name not in known:
                 raise InputError(f"{key}={name}: expected some of {', '.join(known)}")
+    for precision in cfg.precisions:
+        if precision not in PRECISIONS:
+            raise InputError(f"precisions={precision}: expected some of {', '.join(PRECISIONS)}")
     for features in cfg.features:
         if not isinstance(features, int) or features < 2:
             raise InputError(f"features={features}: expected whole numbers of at least 2")

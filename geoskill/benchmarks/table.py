@@ -22,6 +22,7 @@ class Row:
     Attributes:
         kernel: of the case.
         model: of the case.
+        precision: of the case.
         features: of the case.
         instances: how many there are.
         ways: by name; ``ours`` is always there.
@@ -29,6 +30,7 @@ class Row:
 
     kernel: str
     model: str
+    precision: str
     features: int
     instances: int
     ways: Mapping[str, Figures]
@@ -38,6 +40,7 @@ class Row:
         return {
             "kernel": self.kernel,
             "model": self.model,
+            "precision": self.precision,
             "features": self.features,
             "instances": self.instances,
             **{
@@ -50,6 +53,7 @@ class Row:
 HEAD = (
     "kernel",
     "model",
+    "precision",
     "n",
     "instances",
     "ours [ms]",
@@ -66,8 +70,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """A table of medians, and of their ratios.
 
     >>> ways = {"ours": Figures((0.2, 0.1, 0.3), 10.0), "plain": Figures((0.8, 0.8, 0.7), 40.0)}
-    >>> print(markdown([Row("p2p", "paper", 60, 1770, ways)]).splitlines()[-1])
-    | p2p | paper | 60 | 1770 | 200 | 4.00 |  |  | 10 |  | 40 |
+    >>> print(markdown([Row("p2p", "paper", "float32", 60, 1770, ways)]).splitlines()[-1])
+    | p2p | paper | float32 | 60 | 1770 | 200 | 4.00 |  |  | 10 |  | 40 |
     """
     lines = []
     for row in rows:
@@ -77,6 +81,7 @@ def markdown(rows: Sequence[Row]) -> str:
             (
                 row.kernel,
                 row.model,
+                row.precision,
                 str(row.features),
                 str(row.instances),
                 f"{1000 * ours.median_s:.3g}",
@@ -114,12 +119,12 @@ def write_files(content: Mapping[str, Any], table: str, figure: Figure, folder: 
 
 
 def growth_figure(rows: Sequence[Row]) -> Figure:
-    """Time and memory over the number of features, a line for each kernel, model and way."""
+    """Time and memory over the number of features, a line for each kernel, model, precision and way."""
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    cases = list(dict.fromkeys((row.kernel, row.model) for row in rows))
+    cases = list(dict.fromkeys((row.kernel, row.model, row.precision) for row in rows))
     for number, case in enumerate(cases):
-        of_case = [row for row in rows if (row.kernel, row.model) == case]
+        of_case = [row for row in rows if (row.kernel, row.model, row.precision) == case]
         for way, style in STYLES.items():
             colour, label = COLOURS[number % len(COLOURS)], f"{' '.join(case)}, {way}"
             known = [row for row in of_case if way in row.ways]

@@ -17,9 +17,10 @@ from geoskill.model.prototypes import PrototypeMixture
 from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
 
-# Numbers that autograd keeps of each node and step, as multiples of its state: 13.6 and 12.6 are measured
+PRECISIONS = ("float32", "bfloat16")
+# Numbers that autograd keeps of each node and step, as multiples of its state: 6.8 to 8.9 are measured
 # (test_message_passing.py), the read-out included.
-SAVED_PER_STEP = 13.8
+SAVED_PER_STEP = 9.0
 
 
 @final
@@ -45,10 +46,13 @@ class MessageLayer(nn.Module):
 
     def fused(self) -> "FusedLayer":
         """The same step with as few products as it needs; what is made of the weights alone is made here, once."""
-        source, update = self.source, self.update
+        source, update, hidden_dim = self.source, self.update, self.source.in_features
+        gates = slice(0, 2 * hidden_dim)  # of the unit's rows: reset, keep, and then the candidate
         return FusedLayer(
-            torch.cat([source.weight, self.destination.weight, update.weight_hh]),
-            torch.cat([source.bias, torch.zeros_like(source.bias), update.bias_hh]),
+            torch.cat([source.weight, self.destination.weight, update.weight_hh[gates]]),
+            torch.cat([source.bias, torch.zeros_like(source.bias), update.bias_hh[gates]]),
+            update.weight_hh[2 * hidden_dim :],
+            update.bias_hh[2 * hidden_dim :],
             update.weight_ih @ self.output.weight,
             update.bias_ih,
             nn.functional.linear(self.output.bias, update.weight_ih),
@@ -56,54 +60,78 @@ class MessageLayer(nn.Module):
 
 
 @final
+class Projection(NamedTuple):
+    """What is linear in a state.
+
+    Attributes:
+        sent: ``[..., 4 h]``, as a source, as a destination, and in the gates.
+        candidate: ``[..., h]``, in the unit's candidate. By itself, since autograd keeps it, and what it is a part of.
+    """
+
+    sent: Tensor
+    candidate: Tensor
+
+
+@final
 class FusedLayer(NamedTuple):
     """A :class:`MessageLayer`'s weights, joined.
 
     Attributes:
-        weight: ``[5 h, h]``, all that is linear in a state: as a source, as a destination, and in the unit's gates.
-        bias: ``[5 h]``, of these.
-        received_weight: ``[3 h, h]``, from the summed inner layer of the messages to the gates.
-        received_bias: ``[3 h]``, of the gates.
+        weight: ``[4 h, h]``, of what a state sends and of the unit's gates.
+        bias: ``[4 h]``, of these.
+        candidate_weight: ``[h, h]``, of the unit's candidate.
+        candidate_bias: ``[h]``, of it.
+        received_weight: ``[3 h, h]``, from the summed inner layer of the messages to the gates and the candidate.
+        received_bias: ``[3 h]``, of these.
         message_bias: ``[3 h]``, what every message adds to them.
     """
 
     weight: Tensor
     bias: Tensor
+    candidate_weight: Tensor
+    candidate_bias: Tensor
     received_weight: Tensor
     received_bias: Tensor
     message_bias: Tensor
 
-    def project(self, states: Float[Tensor, "... h"]) -> Float[Tensor, "... 5*h"]:
-        """All linear functions of a state in one product."""
-        return nn.functional.linear(states, self.weight, self.bias)
+    def to(self, dtype: torch.dtype) -> "FusedLayer":
+        """The same weights in another precision."""
+        return FusedLayer(*(weight.to(dtype) for weight in self))
+
+    def project(self, states: Float[Tensor, "... h"]) -> Projection:
+        """All linear functions of a state."""
+        linear = nn.functional.linear
+        return Projection(
+            linear(states, self.weight, self.bias), linear(states, self.candidate_weight, self.candidate_bias)
+        )
 
     def next_states(
-        self,
-        states: Float[Tensor, "k m h"],
-        projected: Float[Tensor, "k m 5*h"],
-        incoming: Sequence[Sequence[int]],
+        self, states: Float[Tensor, "k m h"], projected: Projection, edges: Sequence[tuple[int, int]]
     ) -> Float[Tensor, "k m h"]:
         """The next state of each of the motif's nodes, for ``m`` instances at once.
 
         Args:
             states: of every node.
             projected: :meth:`project` of them.
-            incoming: for each node, those that send it a message.
+            edges: the motif's, directed, in the order of their destinations.
         """
-        hidden_dim = states.shape[-1]
-        sources, destinations, own = torch.split(projected, [hidden_dim, hidden_dim, 3 * hidden_dim], dim=-1)
+        hidden_dim, nodes = states.shape[-1], len(states)
+        sources, destinations, gates = torch.split(projected.sent, [hidden_dim, hidden_dim, 2 * hidden_dim], dim=-1)
+        senders, receivers = [i for i, _ in edges], [j for _, j in edges]
         # The output layer is linear: summing before it, with its bias once per message, is the sum of the messages. And
         # the gates are linear in that sum: both products are one.
-        inner = [
-            torch.stack([torch.relu(sources[i] + destinations[node]) for i in senders]).sum(dim=0)
-            for node, senders in enumerate(incoming)
-        ]
-        counts = states.new_tensor([len(senders) for senders in incoming])[:, None, None]
-        received = nn.functional.linear(torch.stack(inner), self.received_weight)
-        received = received + (self.received_bias + counts * self.message_bias)
-        reset, keep = torch.sigmoid((received + own)[..., : 2 * hidden_dim]).chunk(2, dim=-1)
-        proposed = torch.tanh(received[..., 2 * hidden_dim :] + reset * own[..., 2 * hidden_dim :])
-        return proposed + keep * (states - proposed)
+        inner = torch.relu(sources[senders] + destinations[receivers])
+        if receivers == list(range(nodes)):  # one message each
+            received = nn.functional.linear(inner, self.received_weight, self.received_bias + self.message_bias)
+        else:
+            places = torch.tensor(receivers, device=inner.device)
+            summed = torch.zeros_like(states).index_add(0, places, inner)
+            counts = places.bincount(minlength=nodes).to(states.dtype)[:, None, None]
+            received = nn.functional.linear(summed, self.received_weight)
+            received = received + (self.received_bias + counts * self.message_bias)
+        reset, keep = torch.sigmoid(received[..., : 2 * hidden_dim] + gates).chunk(2, dim=-1)
+        proposed = torch.tanh(torch.addcmul(received[..., 2 * hidden_dim :], reset, projected.candidate))
+        return torch.lerp(proposed, states, keep)
 
 
 @final
@@ -123,6 +151,9 @@ class MessagePassing(InstanceScorer):
         cascade: K, how many instances of a frame get messages, outside training: those that are estimated to be best,
             while the others keep the estimate (:mod:`geoskill.model.cascade`). None for all; with K instances or fewer
             it is all of them, too.
+        precision: of the messages, ``float32`` or ``bfloat16``, which is faster where the processor has products of it
+            and takes half the memory. Features are encoded, and compared with the demonstration, in single precision
+            all the same: the likeness is an exponential of small differences.
         memory_mb: what training may keep of one batch for the backward pass, in MiB. Of a batch that needs more, states
             are computed again, a chunk of instances at a time: memory then no longer grows with their number.
 
@@ -131,8 +162,8 @@ class MessagePassing(InstanceScorer):
     one, since in a batch they would compete.
 
     Raises:
-        InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, or ``memory_mb`` is not
-            positive.
+        InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, ``memory_mb`` is not
+            positive, or there is no such precision.
     """
 
     def __init__(
@@ -146,6 +177,7 @@ class MessagePassing(InstanceScorer):
         encoder_dim: int | None = None,
         prototypes: int | None = None,
         cascade: int | None = None,
+        precision: str = "float32",
         memory_mb: float = 1024,
     ) -> None:
         super().__init__()
@@ -156,6 +188,8 @@ class MessagePassing(InstanceScorer):
         if memory_mb <= 0:
             raise InputError(f"model.memory_mb={memory_mb:g}: expected a positive number of MiB")
         self.motif = motif
+        self.use_precision(precision)
+        self.edges = sorted(motif.edges, key=lambda edge: edge[1])
         self.steps = layers
         self.hidden_dim = hidden_dim
         self.cascade = cascade
@@ -171,6 +205,16 @@ class MessagePassing(InstanceScorer):
         assert isinstance(layer, MessageLayer)
         return layer
 
+    def use_precision(self, precision: str) -> None:
+        """Let messages be of it from now on; weights stay as they are.
+
+        Raises:
+            InputError: when there is no such precision.
+        """
+        if precision not in PRECISIONS:
+            raise InputError(f"precision={precision}: expected {' or '.join(PRECISIONS)}")
+        self.precision = precision
+
     def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
         """See :meth:`PrototypeMixture.remember`; without prototypes, nothing."""
         if self.direct is not None:
@@ -179,21 +223,39 @@ class MessagePassing(InstanceScorer):
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
     ) -> Float[Tensor, " m"]:
-        """See :meth:`InstanceScorer.forward`."""
+        """See :meth:`InstanceScorer.forward`. Under ``torch.autocast``, messages are of its precision."""
+        device = instance_index.device.type
+        given = next(iter(descriptors.values())).dtype
+        dtype = torch.bfloat16 if self.precision == "bfloat16" else given
+        if torch.is_autocast_enabled(device):
+            dtype = torch.get_autocast_dtype(device)
+        with torch.autocast(device, enabled=False):
+            return self._forward(descriptors, instance_index, dtype).to(given)
+
+    def _forward(
+        self,
+        descriptors: Mapping[NodeType, Float[Tensor, "n _"]],
+        instance_index: Int64[Tensor, "k m"],
+        dtype: torch.dtype,
+    ) -> Float[Tensor, " m"]:
         hidden = self.encoder(descriptors)
         # In the first step, a feature's state is the same in all of its instances, and so is all that is linear in it.
         fused = [layer.fused() for layer in map(self.layer, range(len(self.layers)))]
+        if not torch.is_grad_enabled():  # else in each chunk, so that gradients add up in single precision
+            fused = [layer.to(dtype) for layer in fused]
+            hidden = {kind: states.to(dtype) for kind, states in hidden.items()}
         projected = {kind: fused[0].project(states) for kind, states in hidden.items()}
+        bytes_of_states = dtype.itemsize * self.hidden_dim * len(self.motif.roles)
         messages: Score = partial(
             in_chunks,
-            lambda index: self._score(fused, hidden, projected, index),
-            working_bytes=5 * self._bytes_of_states(),
-            saved_bytes=SAVED_PER_STEP * self.steps * self._bytes_of_states(),
+            lambda index: self._score(fused, hidden, projected, index, dtype),
+            working_bytes=5 * bytes_of_states,
+            saved_bytes=SAVED_PER_STEP * self.steps * bytes_of_states,
             memory_bytes=MIB * self.memory_mb,
         )
         count = instance_index.shape[1]
         if self.direct is None:
-            likeness = next(iter(hidden.values())).new_zeros(count)
+            likeness = next(iter(descriptors.values())).new_zeros(count)
         else:
             likeness = self.direct(descriptors, instance_index)
         if self.cascade is None or self.training or count <= self.cascade:
@@ -206,20 +268,26 @@ class MessagePassing(InstanceScorer):
         self,
         fused: Sequence[FusedLayer],
         hidden: Mapping[NodeType, Float[Tensor, "n h"]],
-        projected: Mapping[NodeType, Float[Tensor, "n 5*h"]],
+        projected: Mapping[NodeType, Projection],
         instance_index: Int64[Tensor, "k m"],
+        dtype: torch.dtype,
     ) -> Float[Tensor, " m"]:
         """What message passing says of some instances."""
+        fused = [layer.to(dtype) for layer in fused]
         places = list(zip(self.motif.roles, instance_index, strict=True))
-        states = torch.stack([hidden[role][row] for role, row in places])
-        sent = torch.stack([projected[role][row] for role, row in places])
-        incoming = [[i for i, j in self.motif.edges if j == node] for node in range(len(places))]
+
+        def of_nodes(rows: Mapping[NodeType, Tensor]) -> Tensor:
+            return torch.stack([rows[role][row] for role, row in places]).to(dtype)
+
+        states = of_nodes(hidden)
+        first = Projection(
+            of_nodes({kind: of_kind.sent for kind, of_kind in projected.items()}),
+            of_nodes({kind: of_kind.candidate for kind, of_kind in projected.items()}),
+        )
         for step in range(self.steps):
             layer = fused[step % len(fused)]
-            states = layer.next_states(states, sent if step == 0 else layer.project(states), incoming)
-        scores: Tensor = self.read_out(list(states))
+            states = layer.next_states(states, first if step == 0 else layer.project(states), self.edges)
+        low = dtype in (torch.bfloat16, torch.float16)
+        with torch.autocast(states.device.type, dtype if low else None, enabled=low):
+            scores: Tensor = self.read_out(list(states))
         return scores
-
-    def _bytes_of_states(self) -> int:
-        """Of one single-precision state at each node of an instance."""
-        return 4 * self.hidden_dim * len(self.motif.roles)

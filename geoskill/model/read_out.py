@@ -12,7 +12,10 @@ from geoskill.model.scorer import Motif
 
 
 class ReadOut(nn.Module, ABC):
-    """Reads one number from the states of each instance's nodes."""
+    """Reads one number from the states of each instance's nodes.
+
+    Under autocast, the last sum is of the weights' precision: eight bits would make two instances equal too often.
+    """
 
     @abstractmethod
     def forward(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
@@ -35,7 +38,10 @@ class PerceptronReadOut(ReadOut):
 
     def forward(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
         """See :meth:`ReadOut.forward`."""
-        outputs = [self.network(torch.cat([states[i] for i in order], dim=1)) for order in self.orders]
+        last = self.network[-1]
+        inner = [self.network[:-1](torch.cat([states[i] for i in order], dim=1)) for order in self.orders]
+        with torch.autocast(inner[0].device.type, enabled=False):
+            outputs = [last(each.to(last.weight.dtype)) for each in inner]
         average: Tensor = torch.stack(outputs).mean(dim=0).squeeze(1)
         return average
 
@@ -59,8 +65,9 @@ class ProductReadOut(ReadOut):
 
     def forward(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
         """See :meth:`ReadOut.forward`."""
-        sources = [self.source(state) for state in states]
-        destinations = [self.destination(state) for state in states]
+        own = self.source[0].weight.dtype
+        sources = [self.source(state).to(own) for state in states]
+        destinations = [self.destination(state).to(own) for state in states]
         products = [(sources[i] * destinations[j]).sum(dim=1) for i, j in self.edges]
         total: Tensor = torch.stack(products).sum(dim=0) * self.scale
         return total

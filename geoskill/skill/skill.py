@@ -14,6 +14,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import motif_graph
 from geoskill.model.kernel_model import KernelModel
+from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.description import SkillParts, build
 from geoskill.skill.observation import Observation, ScoredInstances
@@ -36,17 +37,20 @@ class Skill:
             member.eval()
 
     @classmethod
-    def load(cls, path: str | Path, *, device: str = "cpu", cache: FeatureCache | None = None) -> "Skill":
+    def load(
+        cls, path: str | Path, *, device: str = "cpu", cache: FeatureCache | None = None, precision: str | None = None
+    ) -> "Skill":
         """The skill of a checkpoint.
 
         Args:
             path: ``skill.ckpt`` of a run.
             device: where the networks run.
             cache: where extracted features are kept, or None.
+            precision: of the messages, ``float32`` or ``bfloat16``, in place of the one that it was trained with.
 
         Raises:
-            InputError: when the file is missing, is no checkpoint of a skill, its weights do not fit, or there is no
-                such device.
+            InputError: when the file is missing, is no checkpoint of a skill, its weights do not fit, there is no such
+                device, or its network has no such precision.
         """
         checkpoint = read_checkpoint(path)
         try:
@@ -59,6 +63,8 @@ class Skill:
                     if key.startswith(prefix)
                 }
                 member.load_state_dict(weights)
+                if precision is not None:
+                    _use_precision(member, precision)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         except Exception as error:
@@ -111,6 +117,13 @@ class Skill:
             scores = member(graph) if graph.instance_index.shape[1] else torch.zeros(0)
             members[name] = ScoredInstances(member, graph, scores, torch.softmax(scores, dim=0))
         return Observation(features, members)
+
+
+def _use_precision(member: KernelModel, precision: str) -> None:
+    scorer = member.scorer
+    if not isinstance(scorer, MessagePassing):
+        raise InputError(f"precision={precision}: {type(scorer).__name__} passes no messages; expected null")
+    scorer.use_precision(precision)
 
 
 def read_checkpoint(path: str | Path) -> dict[str, Any]:

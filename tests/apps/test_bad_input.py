@@ -317,6 +317,9 @@ def test_skills_and_videos_of_infer(
     check_error(command("infer", f"skill={skill}", "video=/no/such", run), 2, "/no/such", "does not exist")
     check_error(command("infer", f"skill={skill}", "video=98", run), 2, "camera 98", "cannot be opened")
     check_error(command("infer", f"skill={skill}", video, "device=gpu", run), 2, "device=gpu", "cpu")
+    check_error(
+        command("infer", f"skill={skill}", video, "precision=bfloat16", run), 2, "precision=bfloat16", "Bilinear"
+    )
     check_error(command("infer", f"skill={skill}", video, "minimum_weight=x", run), 2, "minimum_weight=x")
     check_error(command("infer", f"skill={skill}", video, "inference.abstain=-1", run), 2, "inference.abstain=-1")
     check_error(command("infer", f"skill={skill}", video, "inference.temporal=1", run), 2, "inference.temporal=1")

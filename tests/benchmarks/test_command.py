@@ -20,13 +20,15 @@ def run(job: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
     ended = run(job, *SMALL, "features=[8,4]", f"hydra.run.dir={tmp_path}")
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert "| p2p | bilinear | 8 | 28 |" in ended.stdout
+    assert "| p2p | bilinear | float32 | 8 | 28 |" in ended.stdout
     content = json.loads((tmp_path / f"{job}.json").read_text())
-    assert [(row["model"], row["features"], row["instances"]) for row in content["rows"]] == [
-        ("default", 4, 6),
-        ("default", 8, 28),
-        ("bilinear", 4, 6),
-        ("bilinear", 8, 28),
+    assert [(row["model"], row["precision"], row["features"], row["instances"]) for row in content["rows"]] == [
+        ("default", "float32", 4, 6),
+        ("default", "float32", 8, 28),
+        ("default", "bfloat16", 4, 6),
+        ("default", "bfloat16", 8, 28),
+        ("bilinear", "float32", 4, 6),
+        ("bilinear", "float32", 8, 28),
     ]
     assert content["machine"]["threads"] == 1
     for row in content["rows"]:
@@ -35,7 +37,7 @@ def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
         for way in ways:
             assert len(row[way]["seconds"]) == 2
             assert (row[way]["peak_mb"] is None) == (way == "products")
-    assert (tmp_path / f"{job}.md").read_text().count("\n") == 6
+    assert (tmp_path / f"{job}.md").read_text().count("\n") == 8
     assert (tmp_path / f"{job}.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -43,11 +45,18 @@ def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
     ended = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
     assert ended.returncode == 0
     rows = json.loads((tmp_path / "select_out.json").read_text())["rows"]
-    assert [row["features"] for row in rows] == [8, 8]
+    assert [row["features"] for row in rows] == [8, 8, 8]
 
 
 def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at(tmp_path: Path) -> None:
-    arguments = ("models=[default]", "kernels=[p2p]", "repeats=1", "threads=1", "features=[64,80]")
+    arguments = (
+        "models=[default]",
+        "kernels=[p2p]",
+        "repeats=1",
+        "threads=1",
+        "features=[64,80]",
+        "precisions=[float32]",
+    )
     ended = run("select_out", *arguments, f"hydra.run.dir={tmp_path}")
     assert (ended.returncode, ended.stderr) == (0, "")
     few, many = json.loads((tmp_path / "select_out.json").read_text())["rows"]
@@ -61,6 +70,7 @@ def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at
     [
         ("kernels=[p2p,p2q]", "kernels=p2q: expected some of "),
         ("models=[large]", "models=large: expected some of bilinear, default, paper, prototypes"),
+        ("precisions=[half]", "precisions=half: expected some of float32, bfloat16"),
         ("features=[1]", "features=1: expected whole numbers of at least 2"),
         ("repeats=0", "repeats=0: expected at least 1"),
         ("threads=0", "threads=0: expected at least 1"),

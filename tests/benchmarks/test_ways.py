@@ -69,9 +69,13 @@ def test_the_products_are_those_of_the_network(kernel: Kernel, read_out: str) ->
 
 
 @pytest.mark.parametrize("job", ["select_out", "training"])
-@pytest.mark.parametrize("model", ["default", "bilinear", "prototypes"])
-def test_every_way_can_be_done_again_and_again(job: str, model: str) -> None:
-    case = Case(job, "p2p", model, 5, "cpu", torch.get_num_threads())  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("model", "precision"),
+    [("default", "float32"), ("default", "bfloat16"), ("bilinear", "float32"), ("prototypes", "float32")],
+)
+def test_every_way_can_be_done_again_and_again(job: str, model: str, precision: str) -> None:
+    case = Case(job, "p2p", model, 5, "cpu", torch.get_num_threads(), precision)  # type: ignore[arg-type]
+    assert case.precisions() == (("float32", "bfloat16") if model == "default" else ("float32",))
     assert case.instances() == 10
     assert case.ways() == (("ours", "plain", "products") if model == "default" else ("ours",))
     for way in case.ways():

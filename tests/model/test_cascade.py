@@ -146,7 +146,7 @@ def test_ties_are_broken_and_no_more_than_the_budget_is_looked_at() -> None:
 def test_messages_pass_in_few_instances(kernel: Kernel, monkeypatch: pytest.MonkeyPatch) -> None:
     scorer, count, passed = network(kernel, 10), 20, []
     original = scorer._score
-    monkeypatch.setattr(scorer, "_score", lambda *given: passed.append(given[-1].shape[1]) or original(*given))
+    monkeypatch.setattr(scorer, "_score", lambda *given: passed.append(given[-2].shape[1]) or original(*given))
     scorer(frame(kernel, count), instances(kernel, count))
     distinct_roles = 2 if isinstance(kernel, PointToLine) else 1
     assert sum(passed) == distinct_roles * PARTNERS * count + 10

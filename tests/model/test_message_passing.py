@@ -11,8 +11,8 @@ from geoskill.model.scorer import Motif
 
 POINT = NodeType.POINT
 P2P = Motif.of(PointToPoint(), {POINT: 6})
-# A path of three nodes: those that send each of them a message.
-INCOMING = [[1], [0, 2], [1]]
+# A path of three nodes: its directed edges in the order of their destinations.
+PATH = [(1, 0), (0, 1), (2, 1), (1, 2)]
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_messages_are_summed_at_the_node() -> None:
     left, middle, right = torch.randn(3, 5, 4, dtype=torch.float64)
     states = torch.stack([left, middle, right])
     fused = layer.fused()
-    updated = fused.next_states(states, fused.project(states), INCOMING)
+    updated = fused.next_states(states, fused.project(states), PATH)
     both = layer.message(left, middle) + layer.message(right, middle)
     torch.testing.assert_close(updated[1], layer.update(both, middle), rtol=0, atol=1e-12)
     torch.testing.assert_close(updated[0], layer.update(layer.message(middle, left), left), rtol=0, atol=1e-12)
@@ -64,9 +64,49 @@ def test_a_step_carries_information_one_edge_further(steps: int, reached: bool) 
     fused = MessageLayer(4).fused()
     states = start = torch.randn(3, 1, 4, requires_grad=True)
     for _ in range(steps):
-        states = fused.next_states(states, fused.project(states), INCOMING)
+        states = fused.next_states(states, fused.project(states), PATH)
     (gradient,) = torch.autograd.grad(states[2].sum(), start)
     assert bool(gradient[0].any()) == reached
+
+
+def test_an_unknown_precision_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^precision=half: expected float32 or bfloat16$"):
+        MessagePassing(P2P, hidden_dim=4, layers=2, shared_weights=True, read_out="product", precision="half")
+
+
+@pytest.mark.parametrize("prototypes", [None, 8])
+@pytest.mark.parametrize("read_out", ["product", "perceptron"])
+def test_low_precision_is_some_rounding_in_scores_and_gradients(read_out: str, prototypes: int | None) -> None:
+    torch.manual_seed(0)
+    descriptors = {POINT: torch.nn.functional.normalize(torch.randn(30, 6))}
+    index = torch.combinations(torch.arange(30)).T
+    results = []
+    exact = MessagePassing(P2P, hidden_dim=32, layers=3, shared_weights=True, read_out=read_out, prototypes=prototypes)
+    for precision in ("float32", "bfloat16"):
+        scorer = MessagePassing(
+            P2P,
+            hidden_dim=32,
+            layers=3,
+            shared_weights=True,
+            read_out=read_out,
+            prototypes=prototypes,
+            precision=precision,
+            memory_mb=0.2,
+        )
+        scorer.load_state_dict(exact.state_dict())
+        scorer.remember(descriptors)
+        scores = scorer(descriptors, index)
+        assert scores.dtype == torch.float32
+        with torch.no_grad():
+            again = scorer(descriptors, index)
+        torch.testing.assert_close(again, scores, rtol=0, atol=1e-6 if precision == "float32" else 0.02)
+        gradients = torch.autograd.grad(torch.softmax(scores, dim=0).square().sum(), list(scorer.parameters()))
+        assert all(gradient.dtype == torch.float32 for gradient in gradients)
+        results.append((scores, torch.cat([gradient.flatten() for gradient in gradients])))
+    (expected, expected_gradient), (found, found_gradient) = results
+    spread = expected.std()
+    assert 0 < (found - expected).abs().max() < 0.1 * spread
+    assert torch.nn.functional.cosine_similarity(found_gradient, expected_gradient, dim=0) > 0.995
 
 
 @pytest.mark.parametrize("memory_mb", [0, -1])
@@ -101,13 +141,15 @@ def test_states_computed_again_give_the_same_gradients(memory_mb: float) -> None
         torch.testing.assert_close(found, expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 @pytest.mark.parametrize("read_out", ["product", "perceptron"])
-def test_autograd_keeps_what_is_planned_for(read_out: str) -> None:
+def test_autograd_keeps_what_is_planned_for(read_out: str, precision: str) -> None:
     """SAVED_PER_STEP is what the decision to compute states again rests on."""
-    scorer = MessagePassing(P2P, hidden_dim=64, layers=4, shared_weights=True, read_out=read_out)
+    scorer = MessagePassing(P2P, hidden_dim=64, layers=4, shared_weights=True, read_out=read_out, precision=precision)
     index = torch.combinations(torch.arange(60)).T
-    planned = 4 * SAVED_PER_STEP * scorer.steps * 64 * 2 * index.shape[1]
-    assert 0.9 * planned < _kept_bytes(scorer, index) < planned
+    size = {"float32": 4, "bfloat16": 2}[precision]
+    planned = size * SAVED_PER_STEP * scorer.steps * 64 * 2 * index.shape[1]
+    assert 0.75 * planned < _kept_bytes(scorer, index) < planned
 
 
 def test_memory_no_longer_grows_with_the_instances() -> None:

@@ -11,6 +11,7 @@ import torch
 
 from geoskill import Skill as PublicSkill
 from geoskill.errors import InputError
+from geoskill.skill.description import build
 from geoskill.skill.skill import Skill, read_checkpoint
 from geoskill.skill.steady import SteadySkill
 
@@ -170,6 +171,30 @@ def test_another_format_is_refused_by_the_name_of_the_file(tmp_path: Path, check
 def test_a_device_that_is_not_there_is_refused(skill_file: Path, device: str) -> None:
     with pytest.raises(InputError, match=rf"^device={device}: [^\n]+ \(expected one such as cpu\)$"):
         Skill.load(skill_file, device=device)
+
+
+def test_another_precision_than_that_of_the_training(skill_file: Path, frame: np.ndarray) -> None:
+    exact, low = Skill.load(skill_file).observe(frame), Skill.load(skill_file, precision="bfloat16").observe(frame)
+    for name, member in exact.members.items():
+        assert not torch.equal(member.scores, low.members[name].scores)
+        torch.testing.assert_close(low.members[name].scores, member.scores, rtol=0, atol=0.05)
+    with pytest.raises(InputError, match=rf"^{skill_file}: precision=half: expected float32 or bfloat16$"):
+        Skill.load(skill_file, precision="half")
+
+
+def test_a_network_without_messages_has_one_precision(checkpoint: dict[str, Any], tmp_path: Path) -> None:
+    model = {"_target_": "geoskill.model.bilinear.Bilinear", "_partial_": True, "hidden_dim": 8}
+    description = {**checkpoint["skill"], "model": model}
+    weights = {
+        f"members.{name}.{key}": value
+        for name, member in build(description).members.items()
+        for key, value in member.state_dict().items()
+    }
+    path = tmp_path / "bilinear.ckpt"
+    torch.save({"skill": description, "state_dict": weights}, path)
+    Skill.load(path)
+    with pytest.raises(InputError, match=rf"^{path}: precision=bfloat16: Bilinear passes no messages; expected null$"):
+        Skill.load(path, precision="bfloat16")
 
 
 def test_the_best_of_each_member_sorted_by_weight(skill: Skill, frame: np.ndarray) -> None:
