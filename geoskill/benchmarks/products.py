@@ -9,6 +9,7 @@ from torch import nn
 from geoskill.benchmarks.measurement import Work
 from geoskill.geometry.primitives import NodeType
 from geoskill.model.message_passing import MessagePassing
+from geoskill.model.read_out import PerceptronReadOut
 
 
 @final
@@ -44,9 +45,10 @@ def needed_products(scorer: MessagePassing, counts: Mapping[NodeType, int], inst
     nodes = len(roles) * instances
     products += [Product(nodes, hidden, 5 * hidden)] * (scorer.steps - 1)
     products += [Product(nodes, hidden, 3 * hidden)] * scorer.steps
-    times = len(scorer.motif.automorphisms) if hasattr(scorer.read_out, "orders") else len(roles)
-    products += [Product(instances, *size) for size in _linear_layers(scorer.read_out)] * times
-    return products
+    read_out = [Product(instances, *size) for size in _linear_layers(scorer.read_out)]
+    if isinstance(scorer.read_out, PerceptronReadOut):  # the first of two layers in every order of the nodes
+        return products + read_out[:1] * len(scorer.read_out.orders) + read_out[1:]
+    return products + read_out * len(roles)
 
 
 def _linear_layers(module: nn.Module) -> list[tuple[int, int]]:

@@ -18,7 +18,7 @@ from geoskill.model.read_out import build_read_out
 from geoskill.model.scorer import InstanceScorer, Motif
 
 PRECISIONS = ("float32", "bfloat16")
-# Numbers that autograd keeps of each node and step, as multiples of its state: 6.8 to 8.9 are measured
+# Numbers that autograd keeps of each node and step, as multiples of its state: 6.7 to 8.9 are measured
 # (test_message_passing.py), the read-out included.
 SAVED_PER_STEP = 9.0
 
@@ -249,7 +249,7 @@ class MessagePassing(InstanceScorer):
         messages: Score = partial(
             in_chunks,
             lambda index: self._score(fused, hidden, projected, index, dtype),
-            working_bytes=5 * bytes_of_states,
+            working_bytes=4 * bytes_of_states,
             saved_bytes=SAVED_PER_STEP * self.steps * bytes_of_states,
             memory_bytes=MIB * self.memory_mb,
         )

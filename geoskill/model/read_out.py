@@ -38,12 +38,18 @@ class PerceptronReadOut(ReadOut):
 
     def forward(self, states: list[Float[Tensor, "m h"]]) -> Float[Tensor, " m"]:
         """See :meth:`ReadOut.forward`."""
-        last = self.network[-1]
-        inner = [self.network[:-1](torch.cat([states[i] for i in order], dim=1)) for order in self.orders]
-        with torch.autocast(inner[0].device.type, enabled=False):
-            outputs = [last(each.to(last.weight.dtype)) for each in inner]
-        average: Tensor = torch.stack(outputs).mean(dim=0).squeeze(1)
-        return average
+        first, _, last = self.network
+        assert isinstance(first, nn.Linear)
+        assert isinstance(last, nn.Linear)
+        # Each state times the part of the first layer for the place where it is: nothing is put side by side.
+        parts = first.weight.chunk(len(states), dim=1)
+        places = sorted({(node, role) for order in self.orders for role, node in enumerate(order)})
+        terms = {(node, role): nn.functional.linear(states[node], parts[role]) for node, role in places}
+        sums = [sum((terms[node, role] for role, node in enumerate(order)), first.bias) for order in self.orders]
+        inner = torch.stack([torch.relu(each) for each in sums]).mean(dim=0)
+        with torch.autocast(inner.device.type, enabled=False):
+            scores: Tensor = last(inner.to(last.weight.dtype))
+        return scores.squeeze(1)
 
 
 @final
