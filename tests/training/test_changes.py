@@ -1,7 +1,7 @@
 """How control errors change over a transition, by hand, and the scale of the reward that follows."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from geoskill.objective.goal import arrival
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.training.changes import arrivals, error_changes, fit_reward_scale
 from geoskill.training.demonstration import Demonstration
+from geoskill.training.transitions import Transition, Transitions
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -96,20 +97,33 @@ def test_both_types_of_a_mixed_kernel_must_be_followed() -> None:
     torch.testing.assert_close(error_changes(member_of(kernel), graph, "absolute"), torch.tensor([-5.0, 0.0]))
 
 
-class HandMade(Demonstration):
-    """A demonstration of given transitions over given spans; final as `Demonstration` is, for this once not."""
+class HandMade(Transitions):
+    """Given transitions over given spans."""
 
     def __init__(self, spans: tuple[int, ...], graphs: list[tuple[int, MotifGraph]]) -> None:
-        self.spans = spans
+        self._spans = spans
         for span_index, graph in graphs:
             graph.span_index = torch.tensor([span_index])
         self.graphs = [graph for _, graph in graphs]
 
+    @property
+    def spans(self) -> tuple[int, ...]:
+        return self._spans
+
     def __len__(self) -> int:
         return len(self.graphs)
 
+    def __getitem__(self, index: int) -> Transition:
+        raise NotImplementedError
+
     def observed(self, name: str, index: int) -> MotifGraph:
         return self.graphs[index]
+
+    def frames(self, name: str) -> Iterator[MotifGraph]:
+        raise NotImplementedError
+
+    def descriptors(self, name: str) -> dict[NodeType, torch.Tensor]:
+        raise NotImplementedError
 
 
 def approach(start: float, end: float) -> MotifGraph:
@@ -173,7 +187,7 @@ def test_the_median_mover_of_a_demonstration_earns_the_announced_reward(
         for span_index, beta in enumerate(member.beta):
             sizes = []
             for index in range(len(demonstration)):
-                graph = demonstration[index][name]["first"]
+                graph = demonstration.observed(name, index)
                 if int(graph.span_index) == span_index:
                     moving = error_changes(member, graph, "absolute").abs() > member.kernel.resolution
                     sizes.append(error_changes(member, graph, "relative").abs()[moving])
