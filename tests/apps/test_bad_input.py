@@ -228,6 +228,7 @@ def test_without_opengl_the_plain_command_says_what_to_install(
     check_error(ended, 2, "no OpenGL context for rendering (RuntimeError: no display)", "apt-get install libegl1")
 
 
+@pytest.mark.slow
 def test_folders_and_videos(
     refused: Callable[..., None], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
@@ -270,6 +271,7 @@ def test_folders_and_videos(
     refused(2, [f"task.path={sizes}"], str(sizes / "004.png"), "160x100", "160x120")
 
 
+@pytest.mark.slow
 def test_regions_that_do_not_fit_are_refused_before_training(refused: Callable[..., None], tmp_path: Path) -> None:
     frame: dict[str, Any] = {"object": [[0, 0], [9, 0], [9, 9]], "target": [], "hand": []}
     path = tmp_path / "regions.json"
@@ -287,6 +289,7 @@ def test_regions_that_do_not_fit_are_refused_before_training(refused: Callable[.
     refused(2, [f"task.regions={path}", "task.every=5"], str(path), "labels frames 3 to 4", "20 frames", "every=5")
 
 
+@pytest.mark.slow
 def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, tmp_path: Path) -> None:
     # `skill` is a finished p2p training of 2 epochs.
     refused(2, ["kernel=par", f"ckpt_path={skill}"], "its members are p2p_sift; expected those of this run, par_lbd")
@@ -302,6 +305,7 @@ def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, t
     refused(2, [f"ckpt_path={cut}"], str(cut), "cannot be read as a checkpoint")
 
 
+@pytest.mark.slow
 def test_skills_and_videos_of_infer(
     command: Command,
     skill: Path,

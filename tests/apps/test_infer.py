@@ -43,6 +43,7 @@ def decoded(path: Path) -> np.ndarray:
         return np.stack([frame.to_ndarray(format="rgb24").astype(np.float32) for frame in container.decode(video=0)])
 
 
+@pytest.mark.slow
 def test_the_demonstration_again_gives_what_training_said(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
@@ -94,6 +95,7 @@ def test_a_video_file(
         assert sum(1 for _ in container.decode(video=0)) == 7
 
 
+@pytest.mark.slow
 def test_what_is_done_ahead_changes_no_byte(
     script: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:

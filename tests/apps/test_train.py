@@ -100,6 +100,7 @@ def test_every_file_of_the_run_is_there_and_well_formed(trained: Any) -> None:
     assert not list(folder.glob("*.part")) + list(folder.glob(".*partial*"))
 
 
+@pytest.mark.slow
 def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path) -> None:
     again = command("train", *tiny, f"hydra.run.dir={tmp_path / 'again'}")
     other = command("train", *tiny, "seed=1", f"hydra.run.dir={tmp_path / 'other'}")
@@ -108,6 +109,7 @@ def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], tr
     assert associations(other.folder) != associations(trained.folder)
 
 
+@pytest.mark.slow
 def test_a_member_of_an_ensemble_learns_what_it_learns_alone(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
@@ -157,6 +159,7 @@ def test_message_passing_learns_too(command: Command, tiny: Sequence[str], tmp_p
     check_associations(associations(tmp_path), FRAMES)
 
 
+@pytest.mark.slow
 def test_a_resumed_training_is_the_one_that_was_never_stopped(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
@@ -168,6 +171,7 @@ def test_a_resumed_training_is_the_one_that_was_never_stopped(
     assert (two.folder / "metrics.csv").read_text() == (trained.folder / "metrics.csv").read_text()
 
 
+@pytest.mark.slow
 def test_a_training_can_be_scored_on_labelled_frames(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     everywhere = [[0, 0], [160, 0], [160, 120], [0, 120]]
     regions = tmp_path / "regions.json"
@@ -183,6 +187,7 @@ def test_a_training_can_be_scored_on_labelled_frames(command: Command, tiny: Seq
     assert figures["frames"] == figures["frames_with_association"] == FRAMES
 
 
+@pytest.mark.slow
 def test_several_videos_teach_and_the_first_is_shown(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
@@ -200,6 +205,7 @@ def test_several_videos_teach_and_the_first_is_shown(
     assert (run / "metrics.csv").read_text() != (trained.folder / "metrics.csv").read_text()
 
 
+@pytest.mark.slow
 def test_black_frames_stay_in_the_list(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     source = Path(tiny[1].removeprefix("task.path="))
     demonstration = tmp_path / "demonstration"

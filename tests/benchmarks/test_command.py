@@ -16,6 +16,7 @@ def run(job: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("job", ["select_out", "training"])
 def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
     ended = run(job, *SMALL, "features=[8,4]", f"hydra.run.dir={tmp_path}")
@@ -41,6 +42,7 @@ def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
     assert (tmp_path / f"{job}.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
     ended = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
     assert ended.returncode == 0
@@ -48,6 +50,7 @@ def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
     assert [row["features"] for row in rows] == [8, 8, 8]
 
 
+@pytest.mark.slow
 def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at(tmp_path: Path) -> None:
     arguments = (
         "models=[default]",
@@ -65,6 +68,7 @@ def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at
     assert many["cascade"]["peak_mb"] < many["ours"]["peak_mb"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("argument", "message"),
     [

@@ -32,6 +32,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_table_a_file_and_a_picture(demonstration_folder: Path, tmp_path: Path) -> None:
     small = ("model.hidden_dim=8", "model.prototypes=5", "features.min_side=0", "features.max_features=10")
     arguments = (f"video={demonstration_folder}", "frames=3", "repeats=2", "threads=2")

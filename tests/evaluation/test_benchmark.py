@@ -186,6 +186,7 @@ def test_unusable_arguments() -> None:
         evaluate_frames(still_frames(2), answers(RIGHT), regions(0), [])
 
 
+@pytest.mark.slow
 def test_a_skill_that_knows_the_labels_is_right_on_the_real_demonstration(blocks: Path) -> None:
     truth = load_regions(blocks / "human1.regions.json", (240, 240), 205)
     numbers = iter(range(0, 205, 20))

@@ -51,6 +51,7 @@ def test_the_camera_is_at_rest_unless_it_is_to_move() -> None:
     assert np.abs(course(0, moves=False)[0] - course(1, moves=False)[0]).max() > 1e-3  # nobody puts it twice alike
 
 
+@pytest.mark.slow
 def test_the_camera_turns_by_20_to_40_degrees_and_is_displaced() -> None:
     for seed in range(200):
         moved = course(seed)

@@ -183,6 +183,7 @@ def test_a_seed_makes_a_recording_repeatable(recorded: Recorded, task_called: Ca
         assert array.tobytes() == again[name].tobytes(), name
 
 
+@pytest.mark.slow
 def test_another_take_shows_the_same_things_elsewhere(recorded: Recorded) -> None:
     first, other, looks = (recorded("sorting", *which) for which in (("demonstration",), ("human",), ("human", 1)))
     for body in ("tile", "box"):

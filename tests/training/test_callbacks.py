@@ -120,6 +120,7 @@ def test_resuming_what_is_complete_changes_nothing(training: Training, whole: Wh
     assert torch.equal(flat(module), whole.weights)
 
 
+@pytest.mark.slow
 def test_patience_goes_on_counting(training: Training, tmp_path: Path) -> None:
     """Without any progress large enough, training stops after the second epoch without one, resumed or not."""
 

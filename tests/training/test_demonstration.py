@@ -139,6 +139,7 @@ def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], descript
     assert told == [("extracting features", 4), ("following motion", 2)]
 
 
+@pytest.mark.slow
 def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
     parts = build(description)
     one, three = (

@@ -81,6 +81,7 @@ def test_strangers_come_last_and_go_nowhere(own: int) -> None:
         assert torch.equal(of_all, torch.cat([of_own, torch.from_numpy(strangers.geometry)]))
 
 
+@pytest.mark.slow
 def test_a_demonstration_gives_each_frame_its_own_strangers(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...]
 ) -> None:
