@@ -25,9 +25,9 @@ def evaluate(cfg: DictConfig) -> None:
     from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
     from geoskill.apps.inputs import array_store, load_skill, require_selection, required
     from geoskill.apps.progress import quiet_libraries
-    from geoskill.apps.reporting import replacing
     from geoskill.apps.scoring import score, score_viewpoint
     from geoskill.evaluation.metrics import summarise_ensemble
+    from geoskill.whole_files import replacing
 
     quiet_libraries()
     simulated = "task" in cfg and cfg.task is not None

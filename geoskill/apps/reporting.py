@@ -1,11 +1,10 @@
 """The files of a run that say what a skill selected: associations, overlay, definition and figures."""
 
 import json
-import os
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
@@ -23,6 +22,7 @@ from geoskill.skill.skill import Skill
 from geoskill.viz.curves import plot_inference
 from geoskill.viz.overlay import draw_overlay
 from geoskill.viz.video_writer import VideoWriter
+from geoskill.whole_files import replacing
 
 
 def write_inference(
@@ -147,15 +147,3 @@ def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[st
             "error": [],
             "reason": reason,
         }
-
-
-@contextmanager
-def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
-    """A file that takes its place only when it is complete; an older one stays when writing fails."""
-    temporary = path.with_name(f"{path.name}.part")
-    try:
-        with temporary.open(mode, encoding=None if mode == "wb" else "utf-8") as file:
-            yield file
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -100,7 +100,7 @@ def _baseline(scores: Mapping[str, Sequence[Mapping[str, Any]]], tests: Sequence
 
 def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, overrides: Sequence[str], quick: bool) -> None:
     """One training and its scores, in processes of their own; nothing is done twice."""
-    from geoskill.apps.reporting import replacing
+    from geoskill.whole_files import replacing
 
     if (run / "scores.json").is_file():
         return

@@ -232,8 +232,8 @@ def _complete(path: Path, members: Mapping[str, Any]) -> None:
     """Add to a checkpoint what could be fitted only after the training."""
     import torch
 
-    from geoskill.apps.reporting import replacing
     from geoskill.skill.skill import read_checkpoint
+    from geoskill.whole_files import replacing
 
     checkpoint = read_checkpoint(path)
     for name, member in members.items():

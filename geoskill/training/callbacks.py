@@ -8,6 +8,8 @@ from typing import Any, final
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
+from geoskill.whole_files import replacing
+
 
 @final
 class MetricsTable(Callback):
@@ -32,15 +34,10 @@ class MetricsTable(Callback):
         """Write the table."""
         if not trainer.is_global_zero or not self.rows:
             return
-        temporary = self.path.with_suffix(".csv.part")
-        try:
-            with temporary.open("w", newline="") as file:
-                writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
-                writer.writeheader()
-                writer.writerows(self.rows)
-            os.replace(temporary, self.path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with replacing(self.path, newline="") as file:
+            writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
+            writer.writeheader()
+            writer.writerows(self.rows)
 
     def state_dict(self) -> dict[str, Any]:
         """The rows so far."""

@@ -6,7 +6,6 @@ display or keeps a figure alive.
 
 import csv
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, final
@@ -17,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from geoskill.errors import InputError
+from geoskill.whole_files import complete
 
 Curve: TypeAlias = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 """Steps or frames, and a value at each; NaN leaves a gap."""
@@ -186,10 +186,5 @@ def _number(text: str | None, place: str) -> float:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a PNG, which takes its place only when it is complete."""
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        figure.savefig(partial, format="png")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with complete(path) as temporary:
+        figure.savefig(temporary, format="png")
