@@ -120,16 +120,21 @@ class InferenceResult:
     Attributes:
         associations: the best of every ensemble member, in the order of the members, then by rank; the first one is
             the first member's top association.
-        error: ``[d]``, the control errors of the members' top associations one after another; members without an
-            instance contribute nothing.
         features: what each extractor found, by the extractor's name.
         reasons: for each (kernel, descriptor) that selects nothing, why.
     """
 
     associations: tuple[Association, ...]
-    error: np.ndarray
     features: Mapping[str, FeatureSet] = field(default_factory=dict)
     reasons: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def error(self) -> np.ndarray:
+        """``[d]``, the control errors of the members' top associations one after another, float64.
+
+        Members that select nothing contribute nothing.
+        """
+        return np.concatenate([np.zeros(0), *(each.error for each in self.associations if each.rank == 1)])
 
 
 def without_doubtful(result: InferenceResult, least: float) -> InferenceResult:
@@ -148,6 +153,4 @@ def without_doubtful(result: InferenceResult, least: float) -> InferenceResult:
         member: f"no association visible: the selected one has a confidence of {confidence:.2g}, less than {least:g}"
         for member, confidence in doubtful.items()
     }
-    errors = [np.array(each.error) for each in kept if each.rank == 1]
-    error = np.concatenate([np.zeros(0), *errors])
-    return replace(result, associations=kept, error=error, reasons={**result.reasons, **reasons})
+    return replace(result, associations=kept, reasons={**result.reasons, **reasons})

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
@@ -98,14 +97,11 @@ class Observation:
             selected: associations of each member, by rank; none for those without an instance.
         """
         associations: list[Association] = []
-        errors = [np.zeros(0)]
         reasons = {}
         for name, scored in self.members.items():
             associations.extend(selected[name])
-            if selected[name]:
-                errors.append(np.array(selected[name][0].error))
-            else:
+            if not selected[name]:
                 extractors = scored.member.extractors
                 found = ", ".join(f"{len(self.features[extractor])} {kind}s" for kind, extractor in extractors.items())
                 reasons[scored.member.kernel.name, scored.member.descriptor] = f"no instance: {found} found"
-        return InferenceResult(tuple(associations), np.concatenate(errors), self.features, reasons)
+        return InferenceResult(tuple(associations), self.features, reasons)

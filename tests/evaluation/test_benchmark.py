@@ -67,7 +67,7 @@ def answers(*tops: Association | None) -> Callable[[np.ndarray], InferenceResult
 
     def infer(image: np.ndarray) -> InferenceResult:
         top = next(remaining)
-        return InferenceResult(() if top is None else (top,), np.zeros(0), features)
+        return InferenceResult(() if top is None else (top,), features)
 
     return infer
 
@@ -128,7 +128,7 @@ def test_members_are_judged_side_by_side() -> None:
     segment = Node(NodeType.LINE, (70.0, 40.0, 90.0, 40.0))
     mixed = Association("p2l", "sift+lbd", 1, 0.25, 0.25, (Node(NodeType.POINT, ON_HAND), segment), (0.0,))
     features = {"sift": point_set(ON_OBJECT, ON_TARGET, ON_HAND), "lbd": segments}
-    outcome = InferenceResult((RIGHT, mixed), np.zeros(3), features)
+    outcome = InferenceResult((RIGHT, mixed), features)
     members = [(PointToPoint(), "sift"), (PointToLine(), "sift+lbd")]
     figures, rows = evaluate_frames(still_frames(2), lambda image: outcome, regions(0, 1), members)
     assert [(row["frame"], row["kernel"], row["correct"]) for row in rows] == [
@@ -198,7 +198,6 @@ def test_a_skill_that_knows_the_labels_is_right_on_the_real_demonstration(blocks
         on_object, on_target = vertices[Region.OBJECT], vertices[Region.TARGET]
         return InferenceResult(
             (pair((on_object[0], on_object[1]), (on_target[0], on_target[1])),),
-            np.zeros(2),
             {"sift": point_set((on_object[0], on_object[1]), (on_target[0], on_target[1]))},
         )
 

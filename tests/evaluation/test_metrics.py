@@ -75,7 +75,7 @@ def association(
 
 
 def result(found: dict[str, FeatureSet], *associations: Association) -> InferenceResult:
-    return InferenceResult(associations, np.zeros(0), found)
+    return InferenceResult(associations, found)
 
 
 @pytest.mark.parametrize(

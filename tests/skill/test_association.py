@@ -76,7 +76,7 @@ def test_a_doubtful_member_selects_nothing_and_says_so() -> None:
     # Its second may be more confident: the first was kept from the frame before.
     second = Association("p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
     reasons = {("l2l", "lbd"): "no instance: 1 lines found"}
-    result = InferenceResult((doubtful, second, sure), np.array([7.0, 8.0, -2.0, -2.0]), {}, reasons)
+    result = InferenceResult((doubtful, second, sure), {}, reasons)
     left = without_doubtful(result, 0.2)
     assert left.associations == (sure,)
     np.testing.assert_array_equal(left.error, [-2.0, -2.0])

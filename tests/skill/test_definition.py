@@ -53,12 +53,11 @@ def frame_with(first: np.ndarray, second: np.ndarray, confidence: float, error: 
             Association("p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
             Association("p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
         ),
-        np.array(error),
         {"sift": found},
     )
 
 
-NOTHING = InferenceResult((), np.zeros(0), {"sift": features_of(POINT, [])}, {("p2p", "sift"): "no instance"})
+NOTHING = InferenceResult((), {"sift": features_of(POINT, [])}, {("p2p", "sift"): "no instance"})
 
 
 def definition_of(results: list[InferenceResult], kernels: dict[str, Kernel] | None = None) -> dict[str, Any]:
@@ -111,7 +110,7 @@ def test_what_was_kept_without_being_detected_counts_as_what_it_was() -> None:
     seen = frame_with(CUP, SHELF, 0.5, (3.0, 4.0))
     first, second = seen.associations[0].nodes
     kept = replace(seen.associations[0], nodes=(first, Node(POINT, (70.0, 80.0))), error=(0.0, 1.0), confidence=0.5)
-    missed = InferenceResult((kept,), np.array(kept.error), seen.features)
+    missed = InferenceResult((kept,), seen.features)
     described = definition_of([seen, missed, frame_with(HAND, SHELF, 0.25, (0.0, 2.0)), missed])
     found = described["members"]["p2p_sift"]
     assert found["frames_with_association"] == 4
@@ -169,7 +168,7 @@ def test_the_most_frequent_are_listed_first() -> None:
         )
         nodes = (Node(POINT, (0.0, 0.0), 0), Node(POINT, (0.0, 0.0), 1))
         association = Association("p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
-        results += number * [InferenceResult((association,), np.array([1.0, 0.0]), {"sift": found})]
+        results += number * [InferenceResult((association,), {"sift": found})]
     described = definition_of(results)
     shares = [group["share"] for group in described["members"]["p2p_sift"]["associations"]]
     assert shares == [round(count / 28, 4) for count in (7, 6, 5, 4, 3)]
@@ -193,7 +192,6 @@ def test_an_ensemble_constrains_what_its_members_do_together() -> None:
                 (-7.0,),
             ),
         ),
-        np.array([3.0, 4.0, -7.0]),
         {"sift": points, "lbd": lines},
     )
     described = definition_of([result, result], {"p2p_sift": PointToPoint(), "p2l_sift_lbd": PointToLine()})
