@@ -14,9 +14,10 @@ Five places: the middle of the feature, and four around it in the feature's own 
 grow with it.
 """
 
-import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
+
+from geoskill.features.pyramid import sample_at
 
 PLACES = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]], np.float32)
 COLOUR_DIM = 2 * len(PLACES)
@@ -36,28 +37,11 @@ def colours_around(
         middles: of the features, in pixels.
         arms: from there to the edge of what the descriptor describes, in the direction that it takes for its own.
     """
-    colours = np.zeros((len(middles), COLOUR_DIM), np.float32)
-    if len(middles) == 0:
-        return colours
     across = np.stack([-arms[:, 1], arms[:, 0]], axis=1)
     around = PLACES[:, :1, None] * arms.T + PLACES[:, 1:, None] * across.T
     places = middles[:, None] + PLACE_SHARE * around.transpose(2, 0, 1)
-    # A level of the pyramid has pixels of the size over which is averaged.
-    size_px = np.maximum(MEAN_SHARE * np.linalg.norm(arms, axis=1), 1.0)
-    level_of = np.log2(size_px).round().astype(np.int64)
-    level = _opponent(picture)
-    for number in range(int(level_of.max()) + 1):
-        rows = np.flatnonzero(level_of == number)
-        # A pixel of one level lies where every second one of the level below does.
-        found = np.ascontiguousarray(places[rows].reshape(1, -1, 2) / 2**number, np.float32)
-        if len(rows):
-            values = cv2.remap(level, found, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-            colours[rows] = values.reshape(len(rows), COLOUR_DIM)
-        if min(level.shape[:2]) > 2:
-            level = np.asarray(cv2.pyrDown(level), np.float32)
-        else:
-            places = places * 2  # too small to be halved: the coarser levels are this one
-    return colours
+    size_px = np.maximum(MEAN_SHARE * np.linalg.norm(arms, axis=1), 1.0).astype(np.float32)
+    return sample_at(_opponent(picture), places.astype(np.float32), size_px).reshape(len(middles), COLOUR_DIM)
 
 
 def _opponent(picture: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "height width 2"]:

@@ -22,6 +22,9 @@ class FeatureExtractor(ABC):
     has_arms: ClassVar[bool] = False
     """Whether its features say how far and in which direction they look (:attr:`FeatureSet.arms`)."""
 
+    patch_side: ClassVar[int | None] = None
+    """Of descriptors that are square patches of pixels, row by row, the side; None for all others."""
+
     @abstractmethod
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
         """The features of a picture, strongest first, in pixels of that picture, descriptors of unit norm.

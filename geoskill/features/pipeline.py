@@ -58,6 +58,11 @@ class FeaturePipeline:
         return self.extractor.descriptor_dim + (COLOUR_DIM if self.colour > 0 else 0)
 
     @property
+    def patch_side(self) -> int | None:
+        """Of the patch with which a descriptor begins, if it does."""
+        return self.extractor.patch_side
+
+    @property
     def identity(self) -> str:
         """Everything besides the frame that the features depend on, as text."""
         kind = type(self.extractor)

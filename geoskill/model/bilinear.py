@@ -35,8 +35,8 @@ class Bilinear(InstanceScorer):
             raise InputError(f"model.hidden_dim={hidden_dim}: expected at least 1")
         self.motif = motif
         self.scale = hidden_dim**-0.5
-        self.source: nn.Module = DescriptorEncoder(motif.descriptor_dims, hidden_dim, hidden_dim)
-        self.destination: nn.Module = DescriptorEncoder(motif.descriptor_dims, hidden_dim, hidden_dim)
+        self.source: nn.Module = DescriptorEncoder(motif, hidden_dim, hidden_dim)
+        self.destination: nn.Module = DescriptorEncoder(motif, hidden_dim, hidden_dim)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]

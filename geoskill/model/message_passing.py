@@ -194,7 +194,7 @@ class MessagePassing(InstanceScorer):
         self.hidden_dim = hidden_dim
         self.cascade = cascade
         self.memory_mb = memory_mb
-        self.encoder = DescriptorEncoder(motif.descriptor_dims, hidden_dim, encoder_dim)
+        self.encoder = DescriptorEncoder(motif, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
         self.direct = None if prototypes is None else PrototypeMixture(motif, prototypes=prototypes)

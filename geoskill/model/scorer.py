@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from jaxtyping import Float, Int64
@@ -15,17 +15,27 @@ from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges
 @final
 @dataclass(frozen=True)
 class Motif:
-    """A kernel as a network sees it: typed nodes, directed edges, symmetries, and the descriptors' dimensions."""
+    """A kernel as a network sees it: typed nodes, directed edges, symmetries, and the descriptors' dimensions.
+
+    ``patch_sides`` has the node types whose descriptors begin with a square patch of pixels, and its side.
+    """
 
     roles: tuple[NodeType, ...]
     edges: tuple[tuple[int, int], ...]
     automorphisms: tuple[tuple[int, ...], ...]
     descriptor_dims: Mapping[NodeType, int]
+    patch_sides: Mapping[NodeType, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, kernel: Kernel, descriptor_dims: Mapping[NodeType, int]) -> "Motif":
+    def of(
+        cls,
+        kernel: Kernel,
+        descriptor_dims: Mapping[NodeType, int],
+        patch_sides: Mapping[NodeType, int | None] | None = None,
+    ) -> "Motif":
         """The motif of a kernel whose nodes are described by so many numbers each."""
-        return cls(kernel.roles, directed_edges(kernel), automorphisms(kernel), dict(descriptor_dims))
+        sides = {kind: side for kind, side in (patch_sides or {}).items() if side is not None}
+        return cls(kernel.roles, directed_edges(kernel), automorphisms(kernel), dict(descriptor_dims), sides)
 
 
 class InstanceScorer(nn.Module, ABC):

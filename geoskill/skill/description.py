@@ -116,9 +116,10 @@ def build(description: Mapping[str, Any], cache: FeatureCache | None = None, see
         kernel = _kernel(settings["kernel"])
         extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
         dims = {kind: pipelines[extractor].descriptor_dim for kind, extractor in extractors.items()}
+        sides = {kind: pipelines[extractor].patch_side for kind, extractor in extractors.items()}
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
-            scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims))
+            scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims, sides))
         members[name] = KernelModel(kernel, extractors, scorer)
     return SkillParts(members, pipelines, int(description["alternatives"]), description.get("learned_from", {}))
 
