@@ -15,6 +15,7 @@ from geoskill.errors import InputError
 FREE = ("trainer.devices", "trainer.precision")
 # Where null switches something off.
 OPTIONAL = (
+    "demonstration.visible_features",
     "early_stopping.patience",
     "model.cascade",
     "model.encoder_dim",
@@ -28,6 +29,8 @@ EXAMPLES = {
     "seed": 0,
     "threads": 2,
     "frame_rate": 30.0,
+    "demonstration.visible_features": 50,
+    "precision": "float32",
     "model.cascade": 2048,
     "task.frame_rate": 30.0,
     "trainer.limit_train_batches": 25.0,

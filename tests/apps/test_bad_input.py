@@ -108,6 +108,8 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("demonstration.gap=20", ["20 frame(s)", "at least 21"]),
         ("demonstration.gap=x", ["demonstration.gap=x", "whole number"]),
         ("demonstration.horizon=2", ["demonstration.horizon=2", "0 to 1"]),
+        ("demonstration.visible_features=1", ["demonstration.visible_features=1", "at least 2, or null"]),
+        ("demonstration.visible_features=x", ["demonstration.visible_features=x", "whole number such as 50 or null"]),
         ("demonstration.batch_size=0", ["demonstration.batch_size=0", "at least 1"]),
         ("demonstration.descriptor_noise=-1", ["demonstration.descriptor_noise=-1", "0 or more"]),
         ("demonstration.strangers=-1", ["demonstration.strangers=-1", "0 or more"]),
