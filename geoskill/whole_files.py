@@ -10,7 +10,7 @@ from typing import IO, Any, Literal
 @contextmanager
 def complete(path: Path) -> Iterator[Path]:
     """Another path to write to; what is there takes its place when the block ends without an error."""
-    temporary = path.with_name(f"{path.name}.part")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         yield temporary
         os.replace(temporary, path)

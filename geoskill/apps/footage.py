@@ -71,8 +71,8 @@ class RecordingSource(FrameSource):
             yield Frame(index, index / self.frame_rate, self._recording.picture(index))
 
 
-def demonstrations(cfg: DictConfig, store: ArrayStore | None) -> list[Footage]:
-    """What a skill is to be learned from, at least one; ground truth is that of the first.
+def demonstrations(cfg: DictConfig, store: ArrayStore | None) -> Iterator[Footage]:
+    """What a skill is to be learned from, one after the other; all but the first without ground truth.
 
     Args:
         cfg: has ``demonstration.gap`` and a ``task`` with the ``path`` of a video or a list of them; or a simulated one
@@ -80,21 +80,22 @@ def demonstrations(cfg: DictConfig, store: ArrayStore | None) -> list[Footage]:
         store: where recordings are kept.
 
     Raises:
-        InputError: as :func:`video_footage` and :func:`simulated_footage`, or when there is to be none.
+        InputError: as :func:`video_footage` and :func:`simulated_footage`; at once when one of several videos cannot be
+            opened.
     """
     if "scene" in cfg.task:
-        if cfg.task.takes < 1:
-            raise InputError(f"task.takes={cfg.task.takes}: expected at least 1")
         takes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, cfg.task.takes + 1))]
-        return [simulated_footage(cfg.task, cfg.scenario, cfg.seed, take, store) for take in takes]
-    paths = cfg.task.path if isinstance(cfg.task.path, ListConfig) else [cfg.task.path]
-    if not paths:
-        raise InputError("task.path=[]: expected at least one demonstration, a folder of images or a video file")
+        return (simulated_footage(cfg.task, cfg.scenario, cfg.seed, take, store) for take in takes)
+    paths = list(cfg.task.path) if isinstance(cfg.task.path, ListConfig) else [cfg.task.path]
+    for path in paths:
+        if not isinstance(path, str | int):
+            raise InputError(f"task.path: {path} is no path; expected a folder of images or a video file")
+        open_recording(path, cfg.task.frame_rate)
     regions = [cfg.task.regions] + [None] * (len(paths) - 1)
-    return [
+    return (
         video_footage(path, cfg.task.frame_rate, of_path, cfg.task.every, minimum=cfg.demonstration.gap + 1)
         for path, of_path in zip(paths, regions, strict=True)
-    ]
+    )
 
 
 def video_footage(path: object, frame_rate: float | None, regions: object, every: int, minimum: int) -> Footage:

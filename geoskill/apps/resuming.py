@@ -31,6 +31,11 @@ def require_same_skill(cfg: DictConfig, checkpoint: Mapping[str, Any], wanted: M
             f"ckpt_path={cfg.ckpt_path}: learned from {stored.get('learned_from', 'a video')}; expected what this run"
             f" learns from, {wanted.get('learned_from', 'a video')}"
         )
+    theirs, ours = (each.get("demonstrations", 1) for each in (stored, wanted))
+    if theirs != ours:
+        raise InputError(
+            f"ckpt_path={cfg.ckpt_path}: learned from {theirs} demonstration(s); expected {ours}, as this run"
+        )
     epochs = checkpoint["loops"]["fit_loop"]["epoch_progress"]["current"]["processed"]
     if -1 < cfg.trainer.max_epochs <= epochs:
         raise InputError(

@@ -1,4 +1,4 @@
-"""``python train.py``: learn a skill from one demonstration."""
+"""``python train.py``: learn a skill from a demonstration, or from several."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from hydra.utils import instantiate
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from geoskill.apps.command import INTERRUPTED, run_command
 from geoskill.apps.settings import refusing
@@ -36,10 +36,11 @@ def train(cfg: DictConfig) -> None:
         InputError: for whatever the configuration or the demonstration has wrong.
     """
     simulated = "scene" in cfg.task
-    if not simulated and cfg.task.path is None:
+    paths = cfg.task.get("path")
+    if not simulated and (paths is None or (isinstance(paths, ListConfig) and not paths)):
         raise InputError(
             "task.path is not set; expected a demonstration: python train.py task=video task.path=DIR_OR_FILE"
-            " (a folder of images or a video file)"
+            " (a folder of images or a video file), or several, task.path=[a.mp4,b.mp4]"
         )
     _check_ranges(cfg)
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
@@ -73,8 +74,8 @@ def train(cfg: DictConfig) -> None:
     if simulated:  # the seed by which other recordings show the same things
         choices = HydraConfig.get().runtime.choices
         scenario = {key: value for key, value in plain["scenario"].items() if key != "_target_"}
-        learned_from = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario, "takes": cfg.task.takes}
-        description["learned_from"] = learned_from
+        description["learned_from"] = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario}
+    description["demonstrations"] = cfg.task.takes if simulated else len(paths) if isinstance(paths, ListConfig) else 1
     stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
     if stored is not None:
         require_same_skill(cfg, stored, description)
@@ -109,9 +110,9 @@ def train(cfg: DictConfig) -> None:
     with refusing("optimizer"):
         module.configure_optimizers()  # Lightning does it again, but only when all features are extracted
 
-    recordings = demonstrations(cfg, store)
-    demonstration = Demonstrations(
-        [
+    footage, followed = None, []
+    for recording in demonstrations(cfg, store):
+        followed.append(
             Demonstration(
                 [frame.image for frame in recording.frames],
                 parts.pipelines,
@@ -123,9 +124,10 @@ def train(cfg: DictConfig) -> None:
                 name=recording.source.name,
                 threads=threads,
             )
-            for recording in recordings
-        ]
-    )
+        )
+        footage = footage or recording  # the first is shown and scored; of the others no picture is kept
+    assert footage is not None
+    demonstration = Demonstrations(followed)
     if stored is not None:
         require_same_spans(cfg, stored, demonstration.spans)
     for name, member in parts.members.items():
@@ -143,7 +145,7 @@ def train(cfg: DictConfig) -> None:
     fit_usual_lead(parts.members, demonstration)  # of the averaged weights, which the members have now
     _complete(folder / CHECKPOINT, parts.members)
     plot_training(folder / "metrics.csv", folder / "training.png")
-    skill, footage = Skill(parts), recordings[0]  # the others only teach
+    skill = Skill(parts)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     if footage.labels is not None:
@@ -165,6 +167,7 @@ def _check_ranges(cfg: DictConfig) -> None:
     """What no object checks when it is built."""
     for key, lowest, expected in (
         ("task.every", 1, "at least 1"),
+        ("task.takes", 1, "at least 1"),
         ("demonstration.descriptor_noise", 0, "0 or more"),
         ("demonstration.strangers", 0, "0 or more"),
         ("demonstration.visible_features", 2, "at least 2, or null"),

@@ -62,10 +62,6 @@ class Case:
         shorter = self.job == "select_out" and scorer.cascade is not None and scorer.cascade < self.instances()
         return ("ours", *(("cascade",) if shorter else ()), "plain", "products")
 
-    def precisions(self) -> tuple[str, ...]:
-        """Those that the network can have."""
-        return PRECISIONS if "precision" in _configured("model", self.model) else PRECISIONS[:1]
-
     def instances(self) -> int:
         """How many there are."""
         return self.build_kernel().instances(self.counts()).shape[1]
@@ -89,6 +85,11 @@ class Case:
         make = instantiate(settings)
         scorer: InstanceScorer = make(Motif.of(kernel, {kind: DESCRIPTOR_DIMS[kind] for kind in kernel.roles}))
         return scorer.to(self.device)
+
+
+def precisions_of(model: str) -> tuple[str, ...]:
+    """Those that a model can have."""
+    return PRECISIONS if "precision" in _configured("model", model) else PRECISIONS[:1]
 
 
 def _configured(group: str, name: str) -> DictConfig:

@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 
 from geoskill.apps.command import configuration_folder, run_command
 from geoskill.apps.progress import quiet_libraries
-from geoskill.benchmarks.cases import Case, Job, prepare
+from geoskill.benchmarks.cases import Case, Job, precisions_of, prepare
 from geoskill.benchmarks.measurement import Figures, Work, peak_memory_mb, times_in_turn
 from geoskill.benchmarks.table import Row, markdown, write_report
 from geoskill.errors import InputError
@@ -29,7 +29,8 @@ def run_benchmark(job: Job) -> None:
         rows: list[Row] = []
         for model in cfg.models:
             for kernel in cfg.kernels:
-                for precision in cfg.precisions:
+                known = precisions_of(model)
+                for precision in [each for each in cfg.precisions if each in known] or known[:1]:
                     for row in _growing(cfg, job, kernel, model, precision):
                         rows.append(row)
                         print(markdown([row]).splitlines()[-1], flush=True)
@@ -42,16 +43,11 @@ def run_benchmark(job: Job) -> None:
 
 
 def _growing(cfg: DictConfig, job: Job, kernel: str, model: str, precision: str) -> Iterator[Row]:
-    """Rows of more and more features; each way as long as its work is not expected to take too long.
-
-    None in a precision that the model does not have.
-    """
+    """Rows of more and more features; each way as long as its work is not expected to take too long."""
     before: Row | None = None
     slow: set[str] = set()
     for features in sorted(cfg.features):
         case = Case(job, kernel, model, features, cfg.device, cfg.threads, precision)
-        if precision not in case.precisions():
-            return
         instances = case.instances()
         if before is not None:
             growth = instances / max(before.instances, 1)
@@ -74,6 +70,8 @@ def _check(cfg: DictConfig) -> None:
         for name in cfg[key]:
             if name not in known:
                 raise InputError(f"{key}={name}: expected some of {', '.join(known)}")
+    if not cfg.precisions:
+        raise InputError(f"precisions=[]: expected some of {', '.join(PRECISIONS)}")
     for precision in cfg.precisions:
         if precision not in PRECISIONS:
             raise InputError(f"precisions={precision}: expected some of {', '.join(PRECISIONS)}")

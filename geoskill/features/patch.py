@@ -1,5 +1,6 @@
 """Grey patches around SIFT's keypoints, in their scale and direction, for a network that describes them itself."""
 
+from dataclasses import replace
 from typing import ClassVar, final
 
 import cv2
@@ -50,7 +51,7 @@ class Patch(FeatureExtractor):
         norms = np.linalg.norm(patches, axis=1, keepdims=True)
         flat = norms[:, 0] < 1e-3
         patches[flat], norms[flat] = np.eye(1, self.descriptor_dim, dtype=np.float32), 1.0
-        return keypoint_features(keypoints, patches / norms, REACH)
+        return replace(found, descriptors=patches / norms)
 
 
 def patches_along(

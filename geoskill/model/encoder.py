@@ -61,10 +61,15 @@ class PatchDescription(nn.Module):
     Args:
         side: of the patch, in pixels; a multiple of four.
         width: length of the description.
+
+    Raises:
+        ValueError: when it is not.
     """
 
     def __init__(self, side: int, width: int) -> None:
         super().__init__()
+        if side % 4 != 0:
+            raise ValueError(f"patches of {side} pixels; expected a multiple of four")
         first, second, third = CHANNELS
         self.side = side
         self.network = nn.Sequential(

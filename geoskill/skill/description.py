@@ -8,6 +8,7 @@
     model:      {_target_: ..., _partial_: true, ...}
     features:   {max_features: 60, min_side: 480, colour: 8.0}
     alternatives: 10
+    demonstrations: 1
     learned_from: {task: sorting, seed: 0, scenario: {actor: human, ...}}  # if simulated; else it is not there
 """
 

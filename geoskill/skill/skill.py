@@ -121,9 +121,10 @@ class Skill:
 
 def _use_precision(member: KernelModel, precision: str) -> None:
     scorer = member.scorer
-    if not isinstance(scorer, MessagePassing):
-        raise InputError(f"precision={precision}: {type(scorer).__name__} passes no messages; expected null")
-    scorer.use_precision(precision)
+    if isinstance(scorer, MessagePassing):
+        scorer.use_precision(precision)
+    elif precision != "float32":
+        raise InputError(f"precision={precision}: {type(scorer).__name__} passes no messages; expected float32 or null")
 
 
 def read_checkpoint(path: str | Path) -> dict[str, Any]:

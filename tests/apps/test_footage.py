@@ -57,15 +57,16 @@ def test_several_videos_of_which_the_first_is_labelled(demonstration_folder: Pat
     assert second.labels is None
 
 
-@pytest.mark.parametrize(
-    ("task", "message"),
-    [
-        ({"path": []}, r"^task\.path=\[\]: expected at least one demonstration"),
-        ({"scene": {}, "takes": 0}, r"^task\.takes=0: expected at least 1$"),
-    ],
-)
-def test_no_demonstration_at_all(task: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("path", [None, {"a": "b"}])
+def test_what_is_no_path(path: Any, demonstration_folder: Path) -> None:
+    task = {"path": [str(demonstration_folder), path], "frame_rate": None, "regions": None, "every": 5}
+    with pytest.raises(InputError, match=r"^task\.path: .+ is no path; expected a folder of images or a video file$"):
+        demonstrations(OmegaConf.create({"task": task, "demonstration": {"gap": 2}}), store=None)
+
+
+def test_a_video_that_is_missing_is_refused_before_any_is_read(demonstration_folder: Path) -> None:
+    task = {"path": [str(demonstration_folder), "/no/such.mp4"], "frame_rate": None, "regions": None, "every": 5}
+    with pytest.raises(InputError, match=r"^'/no/such\.mp4' does not exist"):
         demonstrations(OmegaConf.create({"task": task, "demonstration": {"gap": 2}}), store=None)
 
 
@@ -98,6 +99,17 @@ def test_a_simulated_recording_with_its_labels(rendered: list[RecordingSettings]
         True,
         0.5,
     )
+
+
+def test_several_takes_of_the_same_things(rendered: list[RecordingSettings]) -> None:
+    cfg = {"task": {**SORTING, "takes": 3}, "scenario": scenario(), "seed": 7}
+    found = list(demonstrations(OmegaConf.create(cfg), store=None))
+    assert [each.source.name for each in found] == [f"sorting, demonstration{number}" for number in ("", " 2", " 3")]
+    assert [(each.seed, each.take) for each in rendered] == [
+        (7, "demonstration"),
+        (7, "demonstration 2"),
+        (7, "demonstration 3"),
+    ]
 
 
 def test_it_is_rendered_once_for_the_same_settings_and_code(

@@ -13,6 +13,8 @@ import pytest
 import torch
 import yaml
 
+from geoskill.skill.skill import read_checkpoint
+
 Command = Callable[..., Any]
 
 FRAMES = 20
@@ -197,12 +199,17 @@ def test_several_videos_teach_and_the_first_is_shown(
     for path in sorted(first.iterdir())[: FRAMES // 2]:
         cv2.imwrite(str(second / path.name), cv2.imread(str(path))[:, ::-1])
     run = tmp_path / "run"
-    ended = command("train", *tiny, f"task.path=[{first},{second}]", f"hydra.run.dir={run}")
+    both, unlimited = f"task.path=[{first},{second}]", "demonstration.visible_features=null"
+    ended = command("train", *tiny, both, unlimited, f"hydra.run.dir={run}")
     assert (ended.status, ended.stderr) == (0, "")
     assert list(dict.fromkeys(line["frame"] for line in associations(run))) == list(range(FRAMES))
     check_video(run / "overlay.mp4", FRAMES)
-    # It has learned from both.
+    # It has learned from both, and goes on with both only.
     assert (run / "metrics.csv").read_text() != (trained.folder / "metrics.csv").read_text()
+    assert read_checkpoint(run / "skill.ckpt")["skill"]["demonstrations"] == 2
+    resumed = command("train", *tiny, f"ckpt_path={run / 'skill.ckpt'}", "trainer.max_epochs=3", f"hydra.run.dir={run}")
+    assert resumed.status == 2
+    assert "learned from 2 demonstration(s); expected 1, as this run does" in resumed.stderr
 
 
 @pytest.mark.slow

@@ -43,6 +43,20 @@ def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_model_without_that_precision_has_the_first(tmp_path: Path) -> None:
+    arguments = (
+        "models=[bilinear]",
+        "kernels=[p2p]",
+        "repeats=1",
+        "threads=1",
+        "features=[4]",
+        "precisions=[bfloat16]",
+    )
+    assert run("select_out", *arguments, f"hydra.run.dir={tmp_path}").returncode == 0
+    rows = json.loads((tmp_path / "select_out.json").read_text())["rows"]
+    assert [row["precision"] for row in rows] == ["float32"]
+
+
 def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
     ended = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
     assert ended.returncode == 0
@@ -74,6 +88,7 @@ def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at
     [
         ("kernels=[p2p,p2q]", "kernels=p2q: expected some of "),
         ("models=[large]", "models=large: expected some of bilinear, default, paper, prototypes"),
+        ("precisions=[]", "precisions=[]: expected some of float32, bfloat16"),
         ("precisions=[half]", "precisions=half: expected some of float32, bfloat16"),
         ("features=[1]", "features=1: expected whole numbers of at least 2"),
         ("repeats=0", "repeats=0: expected at least 1"),

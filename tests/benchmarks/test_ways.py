@@ -8,7 +8,7 @@ from torch.nn.functional import normalize
 from torch.utils.flop_counter import FlopCounterMode
 
 from geoskill.apps.command import configuration_folder
-from geoskill.benchmarks.cases import Case, prepare
+from geoskill.benchmarks.cases import Case, precisions_of, prepare
 from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
 from geoskill.benchmarks.products import needed_products
 from geoskill.geometry.primitives import NodeType
@@ -75,7 +75,7 @@ def test_the_products_are_those_of_the_network(kernel: Kernel, read_out: str) ->
 )
 def test_every_way_can_be_done_again_and_again(job: str, model: str, precision: str) -> None:
     case = Case(job, "p2p", model, 5, "cpu", torch.get_num_threads(), precision)  # type: ignore[arg-type]
-    assert case.precisions() == (("float32", "bfloat16") if model == "default" else ("float32",))
+    assert precisions_of(model) == (("float32", "bfloat16") if model == "default" else ("float32",))
     assert case.instances() == 10
     assert case.ways() == (("ours", "plain", "products") if model == "default" else ("ours",))
     for way in case.ways():

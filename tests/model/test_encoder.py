@@ -64,3 +64,8 @@ def test_a_linear_encoder_takes_patches_as_they_are() -> None:
     encoder = DescriptorEncoder(motif({POINT: 64}, {POINT: 8}), hidden_dim=3)
     x = torch.randn(5, 64)
     torch.testing.assert_close(encoder({POINT: x})[POINT], encoder.layers["point"](8 * x))
+
+
+def test_a_patch_that_cannot_be_halved_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^patches of 10 pixels; expected a multiple of four$"):
+        DescriptorEncoder(motif({POINT: 100}, {POINT: 10}), hidden_dim=3, width=7)

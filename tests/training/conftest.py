@@ -1,10 +1,10 @@
 """A small demonstration, and runs that learn from it."""
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import jaxtyping
 import numpy as np
@@ -13,6 +13,8 @@ import torch
 from lightning import Callback, Trainer
 
 from geoskill.apps.progress import quiet_libraries
+from geoskill.geometry.primitives import NodeType
+from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.skill.description import build
@@ -21,12 +23,41 @@ from geoskill.training.changes import fit_reward_scale
 from geoskill.training.datamodule import TransitionData
 from geoskill.training.demonstration import Demonstration
 from geoskill.training.module import SkillTraining
+from geoskill.training.transitions import Transition, Transitions
 
 ADAM = partial(torch.optim.Adam, lr=3e-3)
 
 
 def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
     return items
+
+
+@final
+class HandMade(Transitions):
+    """Given first frames of transitions, over given spans; a graph's own ``span_index`` says over which."""
+
+    def __init__(self, spans: tuple[int, ...], graphs: Sequence[MotifGraph]) -> None:
+        self._spans = spans
+        self.graphs = graphs
+
+    @property
+    def spans(self) -> tuple[int, ...]:
+        return self._spans
+
+    def __len__(self) -> int:
+        return len(self.graphs)
+
+    def __getitem__(self, index: int) -> Transition:
+        raise NotImplementedError
+
+    def observed(self, name: str, index: int) -> MotifGraph:
+        return self.graphs[index]
+
+    def frames(self, name: str) -> Iterator[MotifGraph]:
+        raise NotImplementedError
+
+    def descriptors(self, name: str) -> dict[NodeType, torch.Tensor]:
+        raise NotImplementedError
 
 
 class Training:
@@ -132,3 +163,9 @@ def training(training_of: Callable[..., Training], description: dict[str, Any]) 
 @pytest.fixture(scope="session")
 def demonstration(training: Training) -> Demonstration:
     return training.demonstration
+
+
+@pytest.fixture(scope="session")
+def hand_made() -> type[HandMade]:
+    """Makes transitions of graphs that a test writes down."""
+    return HandMade

@@ -1,7 +1,7 @@
 """How control errors change over a transition, by hand, and the scale of the reward that follows."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,10 @@ from geoskill.objective.goal import arrival
 from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.training.changes import arrivals, error_changes, fit_reward_scale
 from geoskill.training.demonstration import Demonstration
-from geoskill.training.transitions import Transition, Transitions
 
-# A `Training` is what the fixtures of conftest.py make; see there.
+# What the fixtures of conftest.py make; see there.
 Training = Any
+HandMade = Any
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 EXTRACTORS = {POINT: "sift", LINE: "lbd"}
@@ -97,51 +97,24 @@ def test_both_types_of_a_mixed_kernel_must_be_followed() -> None:
     torch.testing.assert_close(error_changes(member_of(kernel), graph, "absolute"), torch.tensor([-5.0, 0.0]))
 
 
-class HandMade(Transitions):
-    """Given transitions over given spans."""
-
-    def __init__(self, spans: tuple[int, ...], graphs: list[tuple[int, MotifGraph]]) -> None:
-        self._spans = spans
-        for span_index, graph in graphs:
-            graph.span_index = torch.tensor([span_index])
-        self.graphs = [graph for _, graph in graphs]
-
-    @property
-    def spans(self) -> tuple[int, ...]:
-        return self._spans
-
-    def __len__(self) -> int:
-        return len(self.graphs)
-
-    def __getitem__(self, index: int) -> Transition:
-        raise NotImplementedError
-
-    def observed(self, name: str, index: int) -> MotifGraph:
-        return self.graphs[index]
-
-    def frames(self, name: str) -> Iterator[MotifGraph]:
-        raise NotImplementedError
-
-    def descriptors(self, name: str) -> dict[NodeType, torch.Tensor]:
-        raise NotImplementedError
-
-
-def approach(start: float, end: float) -> MotifGraph:
+def approach(span_index: int, start: float, end: float) -> MotifGraph:
     """One pair of points whose distance goes from ``start`` to ``end`` pixels."""
-    return graph_of(PointToPoint(), {POINT: ([[0, 0], [start, 0]], [[0, 0], [end, 0]], [True, True])})
+    graph = graph_of(PointToPoint(), {POINT: ([[0, 0], [start, 0]], [[0, 0], [end, 0]], [True, True])})
+    graph.span_index = torch.tensor([span_index])
+    return graph
 
 
-def test_each_span_has_its_own_beta() -> None:
+def test_each_span_has_its_own_beta(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
-    demonstration = HandMade(
+    demonstration = hand_made(
         (2, 4, 8),
         [
-            (0, approach(10, 8)),
-            (0, approach(10, 4)),
-            (0, approach(10, 9.5)),  # at rest: half a pixel is below the resolution
-            (1, approach(30, 24)),
-            (1, approach(30, 42)),
-            (2, approach(20, 20.25)),  # nothing moves over this span
+            approach(0, 10, 8),
+            approach(0, 10, 4),
+            approach(0, 10, 9.5),  # at rest: half a pixel is below the resolution
+            approach(1, 30, 24),
+            approach(1, 30, 42),
+            approach(2, 20, 20.25),  # nothing moves over this span
         ],
     )
     fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="absolute", beta_scale=3.0))
@@ -150,18 +123,18 @@ def test_each_span_has_its_own_beta() -> None:
     torch.testing.assert_close(member.beta, torch.tensor([3 / 4, 3 / 9, 0.0]))
 
 
-def test_relative_changes_are_scaled_by_what_moves_in_pixels() -> None:
+def test_relative_changes_are_scaled_by_what_moves_in_pixels(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
     # The first pair moves by half a pixel only, though that is a large part of its distance.
-    demonstration = HandMade((2,), [(0, approach(0.6, 0.1)), (0, approach(20, 10)), (0, approach(40, 20))])
+    demonstration = hand_made((2,), [approach(0, 0.6, 0.1), approach(0, 20, 10), approach(0, 40, 20)])
     fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="relative", beta_scale=1.5))
     median = (10 / 34 + 20 / 64) / 2
     torch.testing.assert_close(member.beta, torch.tensor([1.5 / median]))
 
 
-def test_nothing_moves() -> None:
+def test_nothing_moves(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
-    demonstration = HandMade((2, 4), [(0, approach(10, 9.5)), (1, approach(30, 30))])
+    demonstration = hand_made((2, 4), [approach(0, 10, 9.5), approach(1, 30, 30)])
     with pytest.raises(
         InputError,
         match=r"^nothing moves in the demonstration: no p2p_sift association .* more than 1; expected a video",

@@ -7,8 +7,10 @@ import pytest
 import torch
 
 from geoskill.geometry.primitives import NodeType
+from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.objective.reward import beta_from_changes
 from geoskill.skill.description import build
-from geoskill.training.changes import fit_reward_scale
+from geoskill.training.changes import error_changes, fit_reward_scale
 from geoskill.training.demonstration import Demonstration
 from geoskill.training.demonstrations import Demonstrations
 
@@ -72,20 +74,15 @@ def test_frames_and_descriptors_of_all(parts: list[Demonstration], both: Demonst
     assert torch.equal(descriptors, torch.cat([frame.point_descriptor for frame in frames]))
 
 
-def test_the_reward_scale_is_that_of_all(
-    parts: list[Demonstration], both: Demonstrations, training: Any, description: dict[str, Any]
-) -> None:
-    """Of a span that only one of them has, it is that one's."""
-    objective = training.module().objective
-    scales = []
-    for transitions in (*parts, both):
-        members = {MEMBER: build(description).members[MEMBER]}
-        fit_reward_scale(members, transitions, objective)
-        scales.append(members[MEMBER].beta)
-    short, long, all_of_them = scales
-    assert all_of_them[2] == long[2]
-    for span in (0, 1):
-        assert min(short[span], long[span]) <= all_of_them[span] <= max(short[span], long[span])
+def test_the_reward_scale_is_that_of_all_transitions(both: Demonstrations, description: dict[str, Any]) -> None:
+    members = {MEMBER: build(description).members[MEMBER]}
+    objective = ObjectiveSettings()
+    fit_reward_scale(members, both, objective)
+    for span, beta in enumerate(members[MEMBER].beta):
+        graphs = [graph for graph in (both.observed(MEMBER, i) for i in range(len(both))) if graph.span_index == span]
+        changes = [error_changes(members[MEMBER], graph, objective.change) for graph in graphs]
+        moved = [error_changes(members[MEMBER], graph, "absolute").abs() > 1.0 for graph in graphs]
+        assert beta == beta_from_changes(torch.cat(changes), torch.cat(moved), objective.beta_scale)
 
 
 def test_none_or_of_different_gaps(

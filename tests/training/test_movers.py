@@ -17,11 +17,11 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.training.demonstration import Demonstration
 from geoskill.training.movers import LEAST_NOISE, fit_movers
 
-# A `Training` is what the fixtures of conftest.py make; see there.
+# What the fixtures of conftest.py make; see there.
 Training = Any
+HandMade = Any
 
 WIDTH = 4
 OBJECTIVE = ObjectiveSettings()
@@ -44,25 +44,12 @@ def graph_of(kernel: Kernel, descriptors: np.ndarray, before: np.ndarray, after:
     return graph
 
 
-class Frames(Demonstration):
-    """A demonstration of given frames; final as `Demonstration` is, for this once not."""
-
-    def __init__(self, graphs: list[MotifGraph]) -> None:
-        self.graphs = graphs
-
-    def __len__(self) -> int:
-        return len(self.graphs)
-
-    def observed(self, name: str, index: int) -> MotifGraph:
-        return self.graphs[index]
-
-
 def unit(rows: np.ndarray) -> np.ndarray:
     return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
-def test_it_is_the_weighted_ridge_regression(noise: float) -> None:
+def test_it_is_the_weighted_ridge_regression(noise: float, hand_made: HandMade) -> None:
     random = np.random.default_rng(0)
     kernel = PointToPoint()
     scenes = [
@@ -70,7 +57,7 @@ def test_it_is_the_weighted_ridge_regression(noise: float) -> None:
         for _ in range(3)
     ]
     member = member_of(kernel)
-    fit_movers({"member": member}, Frames([graph_of(kernel, *scene) for scene in scenes]), OBJECTIVE, noise)
+    fit_movers({"member": member}, hand_made((2,), [graph_of(kernel, *scene) for scene in scenes]), OBJECTIVE, noise)
     rows, wanted, weights = [], [], []
     for descriptors, before, after in scenes:
         way = np.linalg.norm(after - before, axis=1)
@@ -88,40 +75,42 @@ def test_it_is_the_weighted_ridge_regression(noise: float) -> None:
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), LineToLine()], ids=lambda kernel: kernel.name)
 @pytest.mark.parametrize("mover", [0, 1])
-def test_the_one_that_comes_is_listed_first_whatever_the_order_of_features(kernel: Kernel, mover: int) -> None:
+def test_the_one_that_comes_is_listed_first_whatever_the_order_of_features(
+    kernel: Kernel, mover: int, hand_made: HandMade
+) -> None:
     width = kernel.roles[0].geometry_dim
     before = np.array([[10.0, 10.0, 30.0, 10.0], [12.0, 60.0, 33.0, 60.0]])[:, :width]
     after = before.copy()
     after[mover, 1::2] = before[1 - mover, 1::2] + 1.0
     descriptors = np.eye(2, WIDTH)
     member = member_of(kernel)
-    fit_movers({"member": member}, Frames([graph_of(kernel, descriptors, before, after)]), OBJECTIVE, 0.5)
+    fit_movers({"member": member}, hand_made((2,), [graph_of(kernel, descriptors, before, after)]), OBJECTIVE, 0.5)
     for order in ([0, 1], [1, 0]):
         graph = graph_of(kernel, descriptors[order], before[order], after[order])
         first = int(member.moving_first(graph, graph.instance_index)[0, 0])
         assert order[first] == mover
 
 
-def test_what_is_not_known_stays_in_the_order_in_which_it_is_listed() -> None:
+def test_what_is_not_known_stays_in_the_order_in_which_it_is_listed(hand_made: HandMade) -> None:
     before, after = np.array([[0.0, 0.0], [9.0, 0.0]]), np.array([[5.0, 0.0], [9.0, 0.0]])
     kernel = PointToPoint()
     graph = graph_of(kernel, np.eye(2, WIDTH), before, after)
     untrained, still = member_of(kernel), member_of(kernel, beta=0.0)
-    fit_movers({"member": still}, Frames([graph]), OBJECTIVE, 0.5)
+    fit_movers({"member": still}, hand_made((2,), [graph]), OBJECTIVE, 0.5)
     for member in (untrained, still):
         assert len(member.mover) == 0
         assert torch.equal(member.moving_first(graph, graph.instance_index), graph.instance_index)
     torch.testing.assert_close(untrained.moving_first(graph, graph.instance_index[:, :0]), graph.instance_index[:, :0])
 
 
-def test_frames_without_features_say_nothing() -> None:
+def test_frames_without_features_say_nothing(hand_made: HandMade) -> None:
     kernel = PointToPoint()
     before, after = np.array([[0.0, 0.0], [9.0, 0.0]]), np.array([[5.0, 0.0], [9.0, 0.0]])
     full = graph_of(kernel, np.eye(2, WIDTH), before, after)
     empty = graph_of(kernel, np.zeros((0, WIDTH)), before[:0], after[:0])
     with_it, without = member_of(kernel), member_of(kernel)
-    fit_movers({"member": with_it}, Frames([empty, full, empty]), OBJECTIVE, 0.5)
-    fit_movers({"member": without}, Frames([full]), OBJECTIVE, 0.5)
+    fit_movers({"member": with_it}, hand_made((2,), [empty, full, empty]), OBJECTIVE, 0.5)
+    fit_movers({"member": without}, hand_made((2,), [full]), OBJECTIVE, 0.5)
     torch.testing.assert_close(with_it.mover, without.mover)
 
 
@@ -133,9 +122,9 @@ def test_equal_features_keep_their_order() -> None:
     assert torch.equal(member.moving_first(graph, graph.instance_index), graph.instance_index)
 
 
-def test_a_motif_that_tells_its_nodes_apart_needs_none() -> None:
+def test_a_motif_that_tells_its_nodes_apart_needs_none(hand_made: HandMade) -> None:
     member = member_of(PointToLine())
-    fit_movers({"member": member}, Frames([]), OBJECTIVE, 0.5)
+    fit_movers({"member": member}, hand_made((2,), []), OBJECTIVE, 0.5)
     assert len(member.mover) == 0
 
 
