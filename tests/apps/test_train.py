@@ -209,7 +209,7 @@ def test_several_videos_teach_and_the_first_is_shown(
     assert read_checkpoint(run / "skill.ckpt")["skill"]["demonstrations"] == 2
     resumed = command("train", *tiny, f"ckpt_path={run / 'skill.ckpt'}", "trainer.max_epochs=3", f"hydra.run.dir={run}")
     assert resumed.status == 2
-    assert "learned from 2 demonstration(s); expected 1, as this run does" in resumed.stderr
+    assert "learned from 2 demonstration(s); expected 1, as this run" in resumed.stderr
 
 
 @pytest.mark.slow
