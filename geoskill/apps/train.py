@@ -36,8 +36,9 @@ def train(cfg: DictConfig) -> None:
         InputError: for whatever the configuration or the demonstration has wrong.
     """
     simulated = "scene" in cfg.task
-    paths = cfg.task.get("path")
-    if not simulated and (paths is None or (isinstance(paths, ListConfig) and not paths)):
+    path = cfg.task.get("path")
+    count = cfg.task.takes if simulated else len(path) if isinstance(path, ListConfig) else int(path is not None)
+    if not simulated and count == 0:
         raise InputError(
             "task.path is not set; expected a demonstration: python train.py task=video task.path=DIR_OR_FILE"
             " (a folder of images or a video file), or several, task.path=[a.mp4,b.mp4]"
@@ -75,7 +76,7 @@ def train(cfg: DictConfig) -> None:
         choices = HydraConfig.get().runtime.choices
         scenario = {key: value for key, value in plain["scenario"].items() if key != "_target_"}
         description["learned_from"] = {"task": choices["task"], "seed": cfg.seed, "scenario": scenario}
-    description["demonstrations"] = cfg.task.takes if simulated else len(paths) if isinstance(paths, ListConfig) else 1
+    description["demonstrations"] = count
     stored = None if cfg.ckpt_path is None else read_checkpoint(str(cfg.ckpt_path))
     if stored is not None:
         require_same_skill(cfg, stored, description)
