@@ -260,7 +260,7 @@ def test_folders_and_videos(
     refused(2, [f"task.path=[{whole},{single}]"], str(single), "1 frame(s)", "at least 3")
     refused(2, [f"task.path=[{whole},{black}]"], f"no frame of {black}", "p2p_sift")
     refused(2, [f"task.path=[{whole},{tmp_path / 'none'}]"], str(tmp_path / "none"), "does not exist")
-    refused(2, ["task.path=[]"], "task.path=[]", "at least one demonstration")
+    refused(2, ["task.path=[]"], "task.path is not set", "task.path=[a.mp4,b.mp4]")
 
     still = write_images(tmp_path / "still", [demonstration_frames[0]] * 5)
     refused(2, [f"task.path={still}"], "nothing moves", "expected a video of a task being done")
