@@ -23,7 +23,7 @@ def evaluate(cfg: DictConfig) -> None:
         InputError: for an unusable skill, video or regions file.
     """
     from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
-    from geoskill.apps.inputs import array_store, load_skill, require_selection, required
+    from geoskill.apps.inputs import array_store, load_skill, open_recording, require_selection, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.scoring import score, score_viewpoint
     from geoskill.evaluation.metrics import summarise_ensemble
@@ -47,7 +47,7 @@ def evaluate(cfg: DictConfig) -> None:
         seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
         footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], store)
     else:
-        footage = video_footage(cfg.video, cfg.frame_rate, cfg.regions, cfg.every, minimum=1)
+        footage = video_footage(open_recording(cfg.video, cfg.frame_rate), cfg.regions, cfg.every, minimum=1)
     assert footage.labels is not None
     figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference)
     if footage.recording is not None:

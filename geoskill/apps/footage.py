@@ -87,23 +87,23 @@ def demonstrations(cfg: DictConfig, store: ArrayStore | None) -> Iterator[Footag
         takes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, cfg.task.takes + 1))]
         return (simulated_footage(cfg.task, cfg.scenario, cfg.seed, take, store) for take in takes)
     paths = list(cfg.task.path) if isinstance(cfg.task.path, ListConfig) else [cfg.task.path]
+    sources = []
     for path in paths:
         if not isinstance(path, str | int):
             raise InputError(f"task.path: {path} is no path; expected a folder of images or a video file")
-        open_recording(path, cfg.task.frame_rate)
+        sources.append(open_recording(path, cfg.task.frame_rate))
     regions = [cfg.task.regions] + [None] * (len(paths) - 1)
     return (
-        video_footage(path, cfg.task.frame_rate, of_path, cfg.task.every, minimum=cfg.demonstration.gap + 1)
-        for path, of_path in zip(paths, regions, strict=True)
+        video_footage(source, of_source, cfg.task.every, minimum=cfg.demonstration.gap + 1)
+        for source, of_source in zip(sources, regions, strict=True)
     )
 
 
-def video_footage(path: object, frame_rate: float | None, regions: object, every: int, minimum: int) -> Footage:
+def video_footage(source: FrameSource, regions: object, every: int, minimum: int) -> Footage:
     """A video with its labelled regions.
 
     Args:
-        path: of a video file or a folder of images.
-        frame_rate: frames per second; None for the video's own.
+        source: the video.
         regions: path of the labelled regions, or None.
         every: of which frames every so many is to be judged.
         minimum: how many frames it needs.
@@ -111,7 +111,6 @@ def video_footage(path: object, frame_rate: float | None, regions: object, every
     Raises:
         InputError: when it cannot be read, has too few frames, or the regions do not fit.
     """
-    source = open_recording(path, frame_rate)
     frames = read_all(source, minimum=minimum)
     labels = None if regions is None else load_labels(str(regions), frames, every)
     return Footage(source, frames, labels)

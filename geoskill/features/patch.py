@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import ClassVar, final
 
-import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
@@ -11,7 +10,7 @@ from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.features.pyramid import sample_at
-from geoskill.features.sift import REACH
+from geoskill.features.sift import REACH, sift_detector
 from geoskill.geometry.primitives import NodeType
 
 SIDE = 16
@@ -40,8 +39,7 @@ class Patch(FeatureExtractor):
 
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
         """See :meth:`FeatureExtractor.extract`."""
-        detector = cv2.SIFT.create(contrastThreshold=self.contrast_threshold, enable_precise_upscale=True)
-        keypoints = distinct_keypoints(detector.detect(image, None), limit)
+        keypoints = distinct_keypoints(sift_detector(self.contrast_threshold).detect(image, None), limit)
         if not keypoints:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
         found = keypoint_features(keypoints, np.zeros((len(keypoints), self.descriptor_dim), np.float32), REACH)

@@ -35,8 +35,7 @@ class Sift(FeatureExtractor):
 
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
         """See :meth:`FeatureExtractor.extract`."""
-        # Without the precise upscale every position is a quarter of a pixel too far to the right and down.
-        detector = cv2.SIFT.create(contrastThreshold=self.contrast_threshold, enable_precise_upscale=True)
+        detector = sift_detector(self.contrast_threshold)
         found = detector.detect(image, None)
         keypoints = distinct_keypoints(found, limit)
         if not keypoints:
@@ -50,6 +49,12 @@ class Sift(FeatureExtractor):
             descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
         norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
         return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12), REACH)
+
+
+def sift_detector(contrast_threshold: float) -> cv2.SIFT:
+    """OpenCV's detector, whose positions are those of the pixels."""
+    # Without the precise upscale every position is a quarter of a pixel too far to the right and down.
+    return cv2.SIFT.create(contrastThreshold=contrast_threshold, enable_precise_upscale=True)
 
 
 def _octave(keypoint: cv2.KeyPoint) -> int:

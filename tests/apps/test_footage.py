@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from geoskill.apps import footage
 from geoskill.apps.footage import RecordingSource, demonstrations, simulated_footage, video_footage
+from geoskill.apps.inputs import open_recording
 from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import Region
@@ -40,7 +41,7 @@ def test_the_frames_of_a_recording(hand_made_recording: Recording) -> None:
 
 
 def test_a_video_without_regions_has_no_labels(demonstration_folder: Path) -> None:
-    found = video_footage(demonstration_folder, None, regions=None, every=5, minimum=3)
+    found = video_footage(open_recording(demonstration_folder, None), regions=None, every=5, minimum=3)
     assert (len(found.frames), found.labels, found.recording) == (20, None, None)
 
 

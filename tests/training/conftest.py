@@ -48,16 +48,17 @@ class HandMade(Transitions):
         return len(self.graphs)
 
     def __getitem__(self, index: int) -> Transition:
-        raise NotImplementedError
+        return {"hand made": {"first": self.graphs[index]}}
 
     def observed(self, name: str, index: int) -> MotifGraph:
         return self.graphs[index]
 
     def frames(self, name: str) -> Iterator[MotifGraph]:
-        raise NotImplementedError
+        return iter(self.graphs)
 
     def descriptors(self, name: str) -> dict[NodeType, torch.Tensor]:
-        raise NotImplementedError
+        kinds = dict.fromkeys(NodeType(role) for graph in self.graphs for role in graph.roles)
+        return {kind: torch.cat([graph[f"{kind}_descriptor"] for graph in self.graphs]) for kind in kinds}
 
 
 class Training:
