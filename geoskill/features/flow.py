@@ -46,14 +46,32 @@ class Flow:
 
 def dense_flow(start: UInt8[np.ndarray, "height width 3"], end: UInt8[np.ndarray, "height width 3"]) -> Flow:
     """The flow between two RGB frames of one size."""
-    height, width = start.shape[:2]
-    scale = min(1.0, WORKING_SIDE / min(height, width))
+    return grey_flow(cv2.cvtColor(start, cv2.COLOR_RGB2GRAY), cv2.cvtColor(end, cv2.COLOR_RGB2GRAY))
+
+
+def grey_flow(
+    start: UInt8[np.ndarray, "height width"],
+    end: UInt8[np.ndarray, "height width"],
+    *,
+    working_side: int = WORKING_SIDE,
+    preset: int = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+) -> Flow:
+    """The flow between two grey frames of one size.
+
+    Args:
+        start: the first frame.
+        end: the second one.
+        working_side: shorter side, in pixels, at which larger frames are compared.
+        preset: of OpenCV's DIS: how thoroughly.
+    """
+    height, width = start.shape
+    scale = min(1.0, working_side / min(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = [cv2.resize(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA) for f in (start, end)]
+    small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (start, end)]
     if min(size) < SMALLEST_SIDE:
         margins = (0, max(0, SMALLEST_SIDE - size[1]), 0, max(0, SMALLEST_SIDE - size[0]))
         small = [cv2.copyMakeBorder(picture, *margins, cv2.BORDER_REPLICATE) for picture in small]
-    estimator = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    estimator = cv2.DISOpticalFlow.create(preset)
     forward = np.asarray(estimator.calc(small[0], small[1], None), np.float32)  # type: ignore[call-overload]
     backward = np.asarray(estimator.calc(small[1], small[0], None), np.float32)  # type: ignore[call-overload]
     return Flow(forward[: size[1], : size[0]], backward[: size[1], : size[0]], scale)

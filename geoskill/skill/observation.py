@@ -1,11 +1,11 @@
 """What a skill makes of one frame before anything is selected: every instance of every member with its score."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
@@ -40,6 +40,16 @@ class ScoredInstances:
         """The instances of largest select-out, that first; no more than there are."""
         chosen: list[int] = torch.topk(self.select_out, min(count, len(self))).indices.tolist()
         return chosen
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the scores."""
+        return float(self.scores.std(correction=0)) if len(self) else 0.0
+
+    def lowered(self, instances: Bool[Tensor, " m"], by: float) -> "ScoredInstances":
+        """The same with the scores of these instances lowered by so many standard deviations."""
+        scores = self.scores - by * self.spread * instances
+        return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
 
     def find(self, features: Sequence[int]) -> int | None:
         """The instance that joins these features, one for each role, in any order of those that are alike, or None."""

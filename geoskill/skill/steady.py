@@ -7,7 +7,8 @@ while before it takes its place::
     lead_t = max(0, lead_{t-1} + (b_best - b_kept) / spread - margin)        spread: the SD of all scores of the frame
 
 and the kept one goes when the lead exceeds the patience, when optical flow loses one of its features, when one that is
-not detected looks otherwise than it did (something has come before it), or has not been detected for too long. Only the
+not detected looks otherwise than it did (something has come before it), or has not been detected for too long. An
+association whose nodes have lately moved as one falls behind (:mod:`geoskill.skill.common_fate`). Beside that, only the
 few selected features are followed, and only to know them again: which association is right is still what the network
 says of the descriptors.
 """
@@ -20,13 +21,15 @@ from typing import final
 import cv2
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
+from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.flow import follow_few
 from geoskill.features.patches import are_alike, patches_at
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import Association, InferenceResult, Node, follow_nodes
+from geoskill.skill.common_fate import RecentMotion
 from geoskill.skill.observation import ScoredInstances
 from geoskill.skill.sameness import is_same_feature
 from geoskill.skill.skill import Skill
@@ -40,6 +43,10 @@ PATIENCE = 2.0
 # Frames for which a feature may go undetected while flow still follows it, a tenth of a second of video. With ten it is
 # 0.06 and 0.11, 89.1 and 93.6: what is wrong is not often found again.
 LONGEST_MISS = 3
+# In the same unit: by how much an association of nodes that moved as one falls behind. The best is ahead of the median
+# association by 3 to 6, a look-alike behind the best by less than one; with more than enough for that, one that is
+# alone with what it joins is still selected.
+DRAWBACK = 2.0
 
 
 @final
@@ -72,6 +79,7 @@ class SteadySkill:
         self.skill = skill
         self._kept: dict[str, _Kept] = {}
         self._before: UInt8[np.ndarray, "height width"] | None = None
+        self._motion = RecentMotion()
 
     def infer(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
@@ -93,7 +101,9 @@ class SteadySkill:
         if self._before is not None and self._before.shape != grey.shape:
             self._kept = {}
         selected: dict[str, list[Association]] = {}
+        self._motion.advance(grey)
         for name, scored in observation.members.items():
+            scored = scored.lowered(self._moved_as_one(scored), DRAWBACK)
             kept = self._still_kept(self._kept.pop(name, None), scored, grey)
             best = scored.associations(scored.best(self.skill.alternatives))
             if kept is None and best:
@@ -104,6 +114,12 @@ class SteadySkill:
             selected[name] = best
         self._before = grey
         return observation.result(selected)
+
+    def _moved_as_one(self, scored: ScoredInstances) -> Bool[Tensor, " m"]:
+        member, graph = scored.member, scored.graph
+        geometry = {kind: rows.numpy(force=True) for kind, rows in member.attribute(graph, "geometry").items()}
+        as_one = self._motion.moved_as_one(member.kernel, geometry, graph.instance_index.numpy(force=True))
+        return torch.from_numpy(as_one).to(scored.scores.device)
 
     def _still_kept(
         self, kept: _Kept | None, scored: ScoredInstances, grey: UInt8[np.ndarray, "height width"]
@@ -121,7 +137,7 @@ class SteadySkill:
                 return None
             association = replace(kept.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
             return replace(kept, association=association, missed=kept.missed + 1)
-        spread = float(scored.scores.std(correction=0))
+        spread = scored.spread
         ahead = float(scored.scores.max() - scored.scores[instance])
         lead = max(0.0, kept.lead + (ahead / spread if spread > 0 else 0.0) - MARGIN)
         association = scored.associations([instance])[0]

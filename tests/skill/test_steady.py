@@ -155,6 +155,37 @@ def test_what_is_lost_goes(skill: Skill, demonstration_frames: Sequence[np.ndarr
     assert again.associations == skill.infer(demonstration_frames[6]).associations
 
 
+def test_two_points_of_what_moves_fall_behind(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    skill.alternatives, last = 10000, 16
+    selector = SteadySkill(skill)
+    for small in demonstration_frames[: last + 1]:
+        frame = np.asarray(cv2.resize(small, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), np.uint8)
+        result = selector.infer(frame)
+    alone = {frozenset(node.feature for node in each.nodes): each for each in of_points(skill.infer(frame))}
+
+    def moved(x: float, y: float) -> bool:
+        return 2 * (28 + 2.5 * last) + 8 < x < 2 * (60 + 2.5 * last) - 8 and 100 < y < 148
+
+    def rested(x: float, y: float) -> bool:
+        return (x > 2 * 108 + 8 and 100 < y < 148) or y > 2 * 88 + 8
+
+    inside, astride = [], []
+    for association in of_points(result):
+        one, other = (node.centre for node in association.nodes)
+        before = alone[frozenset(node.feature for node in association.nodes)]
+        change = np.log(association.weight) - np.log(before.weight)
+        if moved(*one) and moved(*other):
+            inside.append(change)
+        elif (moved(*one) and rested(*other)) or (rested(*one) and moved(*other)):
+            astride.append(change)
+    assert len(inside) > 5
+    np.testing.assert_allclose(astride, astride[0], atol=1e-5)
+    # Of a tile of a few plain squares, not every point can be followed.
+    drawback = steady.DRAWBACK * float(skill.observe(frame).members[POINTS].scores.std(correction=0))
+    fallen = np.isclose(np.array(inside) - astride[0], -drawback, rtol=1e-3)
+    assert fallen.sum() > len(inside) / 2
+
+
 @pytest.mark.usefixtures("annotations_unchecked")
 def test_bad_frames_are_refused(skill: Skill) -> None:
     with pytest.raises(InputError, match=r"^the frame is uint8 \[5, 6\]; expected uint8 \[height, width, 3\], RGB$"):
