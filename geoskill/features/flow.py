@@ -1,4 +1,6 @@
-"""Following features from one frame to another by optical flow; for training and for scoring, never to select.
+"""Following features from one frame to another by optical flow.
+
+For training and for scoring; a skill takes it to know again what it has selected, and what has moved as one.
 
 The flow is dense (DIS, Kroeger et al., ECCV 2016): its cost does not grow with the number of features, and measured on
 the real demonstration it serves as well as a sparse tracker of Lucas and Kanade's kind. A feature counts as followed
@@ -52,20 +54,11 @@ def dense_flow(start: UInt8[np.ndarray, "height width 3"], end: UInt8[np.ndarray
 def grey_flow(
     start: UInt8[np.ndarray, "height width"],
     end: UInt8[np.ndarray, "height width"],
-    *,
-    working_side: int = WORKING_SIDE,
     preset: int = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
 ) -> Flow:
-    """The flow between two grey frames of one size.
-
-    Args:
-        start: the first frame.
-        end: the second one.
-        working_side: shorter side, in pixels, at which larger frames are compared.
-        preset: of OpenCV's DIS: how thoroughly.
-    """
+    """The flow between two grey frames of one size, as thoroughly as one of OpenCV's presets of DIS."""
     height, width = start.shape
-    scale = min(1.0, working_side / min(height, width))
+    scale = min(1.0, WORKING_SIDE / min(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (start, end)]
     if min(size) < SMALLEST_SIDE:

@@ -47,8 +47,8 @@ class ScoredInstances:
         return float(self.scores.std(correction=0)) if len(self) else 0.0
 
     def lowered(self, instances: Bool[Tensor, " m"], by: float) -> "ScoredInstances":
-        """The same with the scores of these instances lowered by so many standard deviations."""
-        scores = self.scores - by * self.spread * instances
+        """The same with the scores of these instances lowered."""
+        scores = self.scores - by * instances
         return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
 
     def find(self, features: Sequence[int]) -> int | None:

@@ -43,9 +43,8 @@ PATIENCE = 2.0
 # Frames for which a feature may go undetected while flow still follows it, a tenth of a second of video. With ten it is
 # 0.06 and 0.11, 89.1 and 93.6: what is wrong is not often found again.
 LONGEST_MISS = 3
-# In the same unit: by how much an association of nodes that moved as one falls behind. The best is ahead of the median
-# association by 3 to 6, a look-alike behind the best by less than one; with more than enough for that, one that is
-# alone with what it joins is still selected.
+# By how many standard deviations of a frame's scores an association of nodes that moved as one falls behind. The scores
+# of look-alikes are less than one apart; the best is 3 to 6 ahead of the mean, and stays so where nothing is like it.
 DRAWBACK = 2.0
 
 
@@ -103,8 +102,9 @@ class SteadySkill:
         selected: dict[str, list[Association]] = {}
         self._motion.advance(grey)
         for name, scored in observation.members.items():
-            scored = scored.lowered(self._moved_as_one(scored), DRAWBACK)
-            kept = self._still_kept(self._kept.pop(name, None), scored, grey)
+            spread = scored.spread
+            scored = scored.lowered(self._moved_as_one(scored), DRAWBACK * spread)
+            kept = self._still_kept(self._kept.pop(name, None), scored, spread, grey)
             best = scored.associations(scored.best(self.skill.alternatives))
             if kept is None and best:
                 kept = _Kept(best[0], _looks(best[0].nodes, grey))
@@ -122,7 +122,7 @@ class SteadySkill:
         return torch.from_numpy(as_one).to(scored.scores.device)
 
     def _still_kept(
-        self, kept: _Kept | None, scored: ScoredInstances, grey: UInt8[np.ndarray, "height width"]
+        self, kept: _Kept | None, scored: ScoredInstances, spread: float, grey: UInt8[np.ndarray, "height width"]
     ) -> _Kept | None:
         """The kept association in the next frame, or None when it goes."""
         if kept is None or self._before is None or len(scored) == 0:
@@ -137,7 +137,6 @@ class SteadySkill:
                 return None
             association = replace(kept.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
             return replace(kept, association=association, missed=kept.missed + 1)
-        spread = scored.spread
         ahead = float(scored.scores.max() - scored.scores[instance])
         lead = max(0.0, kept.lead + (ahead / spread if spread > 0 else 0.0) - MARGIN)
         association = scored.associations([instance])[0]

@@ -101,17 +101,33 @@ def test_what_rests_before_a_moving_camera_rests(angle_deg: float, shift_px: flo
     assert pairs_as_one(recent, points, [(0, 1), (2, 3), (2, 4), (0, 3)]) == [True, False, False, False]
 
 
-def test_segments_move_as_their_midpoints_do_and_kernels_of_two_types_are_known() -> None:
+def test_where_nothing_moves_as_most_of_the_picture_does_there_is_no_background() -> None:
+    last, recent = 14, RecentMotion()
+    strips = [grey(seed, HEIGHT // 3, 2 * WIDTH) for seed in (6, 7, 8)]
+    for frame in range(last + 1):
+        shifts = [round(speed * frame) for speed in (-2, 0, 2)]
+        recent.advance(
+            np.vstack(
+                [strip[:, 100 + shift : 100 + shift + WIDTH] for strip, shift in zip(strips, shifts, strict=True)]
+            )
+        )
+    points = np.array([[100.0, 30], [140, 50], [100, 110], [140, 130], [100, 190], [140, 210]])
+    assert pairs_as_one(recent, points, [(0, 1), (2, 3), (4, 5)]) == [False, False, False]
+
+
+def test_segments_are_followed_along_their_whole_length() -> None:
     last = 14
     recent = watch(last + 1, (THING, to_the_right))
     corner = np.array(to_the_right(last))
     points = np.concatenate([corner + ON_THING, ON_TABLE]).astype(np.float32)
-    on_thing = np.concatenate([corner + np.array((10, 15)), corner + np.array((45, 20))])
-    lines = np.stack([on_thing, [30, 30, 60, 50]]).astype(np.float32)
+    # Two of the thing, of which one is beside its edge, and one of the table.
+    edge, across = ([*(corner + one), *(corner + other)] for one, other in (((3, 5), (3, 55)), ((10, 15), (45, 50))))
+    lines = np.array([edge, across, [30, 30, 60, 50]], np.float32)
     geometry = {NodeType.POINT: points, NodeType.LINE: lines}
-    as_one = recent.moved_as_one(PointToLine(), geometry, np.array([[0, 0, 2, 2], [0, 1, 0, 1]]))
+    as_one = recent.moved_as_one(PointToLine(), geometry, np.array([[0, 0, 2, 2], [1, 2, 1, 2]]))
     assert as_one.tolist() == [True, False, False, False]
-    assert recent.moved_as_one(LineToLine(), {NodeType.LINE: lines}, np.array([[0], [1]])).tolist() == [False]
+    as_one = recent.moved_as_one(LineToLine(), {NodeType.LINE: lines}, np.array([[0, 0, 1], [1, 2, 2]]))
+    assert as_one.tolist() == [True, False, False]
 
 
 def test_what_has_just_come_into_sight_tells_nothing() -> None:
