@@ -75,6 +75,8 @@ def evaluate(cfg: DictConfig) -> None:
             f"{name}: top-1 accuracy {'none' if accuracy is None else f'{accuracy:.3f}'}"
             f" on {member['feasible_frames']} of {member['frames']} frames, RSW {member['rsw']:.4f}"
         )
+    if figures["unlabelled_frames"]:
+        print(f"{figures['unlabelled_frames']} frames to be judged have no labels and were left out")
     print(folder)
 
 

@@ -85,3 +85,18 @@ def test_every_few_frames(command: Command, skill: Path, demonstration_folder: P
     assert ended.status == 0, ended.stderr
     with (tmp_path / "verdicts.csv").open(newline="") as file:
         assert [int(row["frame"]) for row in csv.DictReader(file)] == [0, 7, 14]
+
+
+def test_frames_without_labels_are_named(
+    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    regions = write_regions(tmp_path / "regions.json", True)
+    labelled = json.loads(regions.read_text())
+    labelled["frames"]["7"] = labelled["frames"].pop(str(FRAMES - 1))
+    regions.write_text(json.dumps(labelled))
+    arguments = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", "every=3"]
+    ended = command("evaluate", *arguments, f"hydra.run.dir={tmp_path / 'run'}")
+    assert (ended.status, ended.stderr) == (0, "")
+    # 0, 3 and 6 have labels; 9, 12, 15 and 18 have none.
+    assert "4 frames to be judged have no labels and were left out\n" in ended.stdout
+    assert not (tmp_path / "run" / "evaluate.log").exists()
