@@ -30,7 +30,8 @@ LEAST_WAY = 0.02
 # Two nodes have moved as one when their ways differ by no more than this share of the longer one: turned by 9 degrees
 # at most, or one of them nearer to the camera by a seventh.
 LARGEST_DIFFERENCE = 0.15
-# Shorter side in pixels at which frames are compared: half of VGA, at which flow takes 3 ms of a core.
+# Shorter side in pixels at which frames are compared: half of VGA, at which flow takes 3 ms of a core. Smaller frames
+# are enlarged: flow is smooth over some pixels, and would take along what rests beside a thing that moves.
 WORKING_SIDE = 240
 # Places, in columns and rows, of which at least this share has to move alike to be the background. So a thing that
 # fills most of the picture is taken for it, and what is near does not rest when the camera travels past it. The share
@@ -65,7 +66,8 @@ class RecentMotion:
     def advance(self, grey: UInt8[np.ndarray, "height width"]) -> None:
         """Goes on to the next frame; one of another size begins anew."""
         height, width = grey.shape
-        scale = min(1.0, WORKING_SIDE / min(height, width))
+        # A strip of a picture is not enlarged beyond what other pictures become.
+        scale = min(WORKING_SIDE / min(height, width), max(1.0, 2 * WORKING_SIDE / max(height, width)))
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
         small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
         if (height, width) != self._shape:

@@ -158,7 +158,7 @@ def test_without_features_there_is_no_instance() -> None:
 
 
 def test_a_plain_picture_and_a_tiny_one_are_no_fault() -> None:
-    for height, width in ((HEIGHT, WIDTH), (9, 7)):
+    for height, width in ((HEIGHT, WIDTH), (9, 7), (8, 3000)):
         recent = RecentMotion()
         for _ in range(3):
             recent.advance(np.full((height, width), 90, np.uint8))
