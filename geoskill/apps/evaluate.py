@@ -22,7 +22,7 @@ def evaluate(cfg: DictConfig) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.apps.footage import demonstration_recording, simulated_footage, video_footage
+    from geoskill.apps.footage import demonstration_recording, simulated_footage, stored_seed, video_footage
     from geoskill.apps.inputs import array_store, load_skill, open_recording, require_selection, required
     from geoskill.apps.progress import quiet_libraries
     from geoskill.apps.scoring import score, score_viewpoint
@@ -44,7 +44,7 @@ def evaluate(cfg: DictConfig) -> None:
     skill = load_skill(cfg)
     choices, store = HydraConfig.get().runtime.choices, array_store(cfg)
     if simulated:
-        seed = skill.learned_from.get("seed", 0) if cfg.seed is None else cfg.seed
+        seed = stored_seed(skill.learned_from) if cfg.seed is None else cfg.seed
         footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], store)
     else:
         footage = video_footage(open_recording(cfg.video, cfg.frame_rate), cfg.regions, cfg.every, minimum=1)

@@ -2,12 +2,12 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig
 
 from geoskill.apps.inputs import open_recording
 from geoskill.apps.scoring import load_labels
@@ -18,7 +18,9 @@ from geoskill.features.frames import Frame, FrameSource
 from geoskill.features.sources import read_all
 
 if TYPE_CHECKING:
+    from geoskill.simulation.conditions import Conditions
     from geoskill.simulation.recording import Recording
+    from geoskill.simulation.tasks.task import Task
 
 DEMONSTRATION = "demonstration"
 
@@ -131,9 +133,14 @@ def simulated_footage(
     Raises:
         InputError: when the settings cannot be, or there is no OpenGL context.
     """
+    from geoskill.apps.settings import refusing
     from geoskill.evaluation.simulated import SimulatedLabels
 
-    name, recording = _named_recording(task, scenario, seed, take, store)
+    with refusing("task"):
+        scene = instantiate(task.scene)
+    with refusing("scenario"):
+        conditions = instantiate(scenario)
+    name, recording = _named_recording(scene, conditions, seed, take, store)
     source = RecordingSource(recording, name)
     return Footage(source, list(source), SimulatedLabels(recording, name), recording)
 
@@ -150,27 +157,61 @@ def demonstration_recording(
         store: where recordings are kept.
 
     Raises:
-        InputError: as :func:`simulated_footage`.
+        InputError: as :func:`simulated_footage`, and when what the skill says of its demonstration is no such thing.
     """
+    from geoskill.apps.settings import refusing
+
     if learned_from.get("task") != choice or "scenario" not in learned_from:
         return None
-    conditions = {"_target_": "geoskill.simulation.conditions.Conditions", **learned_from["scenario"]}
+    with refusing("task"):
+        scene = instantiate(task.scene)
+    conditions, seed = stored_conditions(learned_from["scenario"]), stored_seed(learned_from)
     # Without its pictures, of which few are wanted.
-    return _named_recording(task, OmegaConf.create(conditions), learned_from["seed"], DEMONSTRATION, store)[1]
+    return _named_recording(scene, conditions, seed, DEMONSTRATION, store)[1]
+
+
+def stored_seed(learned_from: Mapping[str, Any]) -> int:
+    """The seed of the simulated demonstration that a checkpoint names; 0 if it names none.
+
+    Raises:
+        InputError: when it is no whole number.
+    """
+    seed = learned_from.get("seed", 0)
+    if type(seed) is not int:
+        raise InputError(f"the skill's learned_from.seed is {seed!r}; expected a whole number")
+    return seed
+
+
+def stored_conditions(scenario: object) -> "Conditions":
+    """The conditions that a checkpoint names: plain values into named fields, for a checkpoint may be a stranger's.
+
+    Raises:
+        InputError: for anything else.
+    """
+    from geoskill.simulation.conditions import Conditions
+
+    kinds: dict[str, type] = {field.name: field.type for field in fields(Conditions) if isinstance(field.type, type)}
+    if not isinstance(scenario, Mapping):
+        raise InputError(f"the skill's learned_from.scenario is {scenario!r}; expected names with values")
+    for name, value in scenario.items():
+        if name not in kinds:
+            raise InputError(f"the skill's learned_from.scenario has {name!r}; expected some of {', '.join(kinds)}")
+        if type(value) is not kinds[name]:
+            raise InputError(
+                f"the skill's learned_from.scenario.{name} is {value!r}; expected a {kinds[name].__name__}"
+            )
+    if "actor" not in scenario:
+        raise InputError("the skill's learned_from.scenario has no actor; expected one")
+    return Conditions(**scenario)
 
 
 def _named_recording(
-    task: DictConfig, scenario: DictConfig, seed: int, take: str, store: ArrayStore | None
+    scene: "Task", conditions: "Conditions", seed: int, take: str, store: ArrayStore | None
 ) -> tuple[str, "Recording"]:
     """What a recording is called in messages, and itself; see :func:`simulated_footage`."""
-    from geoskill.apps.settings import refusing
     from geoskill.simulation.recording import Recording, pack, unpack
     from geoskill.simulation.scene import RecordingSettings, record
 
-    with refusing("task"):
-        scene = instantiate(task.scene)
-    with refusing("scenario"):
-        conditions = instantiate(scenario)
     settings = RecordingSettings(scene, conditions, seed, take)
     name = f"{scene.name}, {take}"
 
