@@ -1,6 +1,6 @@
 """See ``python evaluate.py --help``."""
 
-from geoskill.apps.evaluate import main
+from geoskill.cli.evaluate import main
 
 if __name__ == "__main__":
     main()

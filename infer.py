@@ -1,6 +1,6 @@
 """See ``python infer.py --help``."""
 
-from geoskill.apps.infer import main
+from geoskill.cli.infer import main
 
 if __name__ == "__main__":
     main()

@@ -1,6 +1,6 @@
 """See ``python reproduce.py --help``."""
 
-from geoskill.apps.reproduce import main
+from geoskill.cli.reproduce import main
 
 if __name__ == "__main__":
     main()

@@ -1,6 +1,6 @@
 """See ``python train.py --help``."""
 
-from geoskill.apps.train import main
+from geoskill.cli.train import main
 
 if __name__ == "__main__":
     main()

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from geoskill.skill.skill import Skill
-    from geoskill.skill.steady import SteadySkill
+    from geoskill.skill.temporal_filter import TemporalFilter
 
-__all__ = ["Skill", "SteadySkill"]
+__all__ = ["Skill", "TemporalFilter"]
 
 
 def __getattr__(name: str) -> Any:
@@ -15,8 +15,8 @@ def __getattr__(name: str) -> Any:
         from geoskill.skill.skill import Skill
 
         return Skill
-    if name == "SteadySkill":
-        from geoskill.skill.steady import SteadySkill
+    if name == "TemporalFilter":
+        from geoskill.skill.temporal_filter import TemporalFilter
 
-        return SteadySkill
+        return TemporalFilter
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,10 +12,12 @@ import yaml
 
 import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
 from geoskill.errors import InputError
-from geoskill.skill.description import describe
+from geoskill.skill.spec import describe
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
+
+pytest_plugins = ["tests.training_runs"]
 
 CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
@@ -125,7 +127,8 @@ def hand_made_recording() -> "Recording":
     from geoskill.geometry.camera import PinholeCamera
     from geoskill.geometry.poses import pose, rotation_about
     from geoskill.simulation.recording import Recording, as_png
-    from geoskill.simulation.tasks.task import Role, RolePart
+    from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import RolePart
 
     bodies = ["world", "table", "box", "tile", "finger"]
     above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
@@ -160,7 +163,7 @@ def hand_made_recording() -> "Recording":
         poses=np.array(poses),
         lens=PinholeCamera(41, 31, 80.0, np.eye(4)),
         camera=np.stack([above, above]),
-        roles=(RolePart("box", Role.OBJECT), RolePart("tile", Role.TARGET), RolePart("finger", Role.ACTOR)),
+        roles=(RolePart("box", SceneRole.OBJECT), RolePart("tile", SceneRole.TARGET), RolePart("finger", SceneRole.AGENT)),
     )
 
 
@@ -175,7 +178,8 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
     from dataclasses import replace
 
     from geoskill.simulation.recording import Cloth, as_png
-    from geoskill.simulation.tasks.task import INFINITE, Role, RolePart
+    from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import INFINITE, RolePart
 
     rest = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     folded = rest.copy()
@@ -192,8 +196,8 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
         bodies=["world", "cloth"],
         poses=np.tile(np.eye(4), (2, 2, 1, 1)),
         roles=(
-            RolePart("cloth", Role.OBJECT, lower=(-INFINITE, 0.05, -INFINITE)),
-            RolePart("cloth", Role.TARGET),
+            RolePart("cloth", SceneRole.OBJECT, lower=(-INFINITE, 0.05, -INFINITE)),
+            RolePart("cloth", SceneRole.TARGET),
         ),
         cloth=Cloth("cloth", rest, np.array([[0, 1, 2], [0, 2, 3]]), np.stack([rest, folded])),
     )

@@ -16,7 +16,7 @@ from hydra.errors import ConfigCompositionException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
-from geoskill.apps.command import configuration_folder
+from geoskill.cli.command import configuration_folder
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
@@ -216,8 +216,8 @@ def test_the_paper_taken_literally() -> None:
         change="absolute",
         error_reduction="vector",
         partition="monte_carlo",
-        first_samples=1000,
-        second_samples=1000,
+        value_samples=1000,
+        gradient_samples=1000,
         goal_weight=0.0,
     )
     # Section IV-A, training and results.
@@ -229,7 +229,7 @@ def test_the_paper_taken_literally() -> None:
     assert cfg.features.min_side == 0
     assert (cfg.demonstration.gap, cfg.demonstration.horizon, cfg.demonstration.batch_size) == (1, 0, 1)
     assert (cfg.demonstration.descriptor_noise, cfg.demonstration.feature_dropout) == (0, 0)
-    assert cfg.demonstration.strangers == 0
+    assert cfg.demonstration.num_negatives == 0
 
 
 @pytest.mark.parametrize("name", SIMULATED)

@@ -11,10 +11,10 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from geoskill.apps.command import configuration_folder
 from geoskill.benchmarks.measurement import Work
 from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
 from geoskill.benchmarks.products import needed_products, product_work
+from geoskill.cli.command import configuration_folder
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
 from geoskill.model.message_passing import PRECISIONS, MessagePassing
@@ -23,7 +23,7 @@ from geoskill.objective.selection import select_out
 
 Way = Literal["ours", "cascade", "plain", "products"]
 Job = Literal["select_out", "training"]
-# SIFT with colours, and the line band descriptor.
+# SIFT with colors, and the line band descriptor.
 DESCRIPTOR_DIMS = {NodeType.POINT: 138, NodeType.LINE: 72}
 
 

@@ -9,11 +9,11 @@ import torch
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from geoskill.apps.command import configuration_folder, run_command
-from geoskill.apps.progress import quiet_libraries
 from geoskill.benchmarks.cases import Case, Job, precisions_of, prepare
 from geoskill.benchmarks.measurement import Figures, Work, peak_memory_mb, times_in_turn
 from geoskill.benchmarks.table import Row, markdown, write_report
+from geoskill.cli.command import configuration_folder, run_command
+from geoskill.cli.progress import quiet_libraries
 from geoskill.errors import InputError
 from geoskill.model.message_passing import PRECISIONS
 

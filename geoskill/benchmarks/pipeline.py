@@ -6,10 +6,10 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from geoskill.apps.command import let_idle_threads_sleep, run_command
-from geoskill.apps.settings import refusing
+from geoskill.cli.command import let_idle_threads_sleep, run_command
+from geoskill.cli.settings import refusing
 from geoskill.errors import InputError
-from geoskill.features.frames import FrameSource
+from geoskill.io.frames import FrameSource
 
 
 def measure(cfg: DictConfig) -> None:
@@ -19,14 +19,14 @@ def measure(cfg: DictConfig) -> None:
         InputError: for whatever the configuration or the video has wrong.
     """
     let_idle_threads_sleep()
-    from geoskill.apps.inputs import use_threads
-    from geoskill.apps.progress import quiet_libraries
     from geoskill.benchmarks.command import check_run, machine
     from geoskill.benchmarks.measurement import Figures, times_in_turn
     from geoskill.benchmarks.rates import plain_rates, rates_figure, rates_table
     from geoskill.benchmarks.stages import EXTRACT, Stages
     from geoskill.benchmarks.table import write_files
-    from geoskill.skill.description import build, describe
+    from geoskill.cli.inputs import use_threads
+    from geoskill.cli.progress import quiet_libraries
+    from geoskill.skill.spec import build, describe
 
     check_run(cfg)
     if cfg.frames < 1:
@@ -59,8 +59,8 @@ def measure(cfg: DictConfig) -> None:
 
 
 def _source(cfg: DictConfig) -> FrameSource:
-    from geoskill.apps.footage import simulated_footage
-    from geoskill.apps.inputs import array_store, open_recording
+    from geoskill.cli.footage import simulated_footage
+    from geoskill.cli.inputs import array_store, open_recording
 
     if cfg.video is not None:
         return open_recording(cfg.video, None)

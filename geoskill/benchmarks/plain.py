@@ -48,7 +48,7 @@ class PlainNetwork(nn.Module):
             states = ReferenceLayer(self.scorer.layer(step))(states, batch.edge_index)
         of_graphs = states.reshape(-1, len(roles), states.shape[-1])
         scores: Tensor = self.scorer.read_out(list(of_graphs.unbind(dim=1)))
-        if self.scorer.direct is None:
+        if self.scorer.prototype_score is None:
             return scores
         count = len(scores)
         of_kind: dict[NodeType, list[Tensor]] = {}
@@ -57,5 +57,5 @@ class PlainNetwork(nn.Module):
             index.append(torch.arange(count) + count * len(of_kind.setdefault(role, [])))
             of_kind[role].append(rows)
         joined = {role: torch.cat(rows) for role, rows in of_kind.items()}
-        direct: Tensor = self.scorer.direct(joined, torch.stack(index).to(scores.device))
+        direct: Tensor = self.scorer.prototype_score(joined, torch.stack(index).to(scores.device))
         return scores + direct

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from geoskill.benchmarks.measurement import Figures
 from geoskill.benchmarks.table import as_table
-from geoskill.viz.curves import COLOURS
+from geoskill.viz.curves import COLORS
 
 
 def relative_rate(figures: Figures, reference: Figures) -> float:
@@ -56,7 +56,7 @@ def rates_figure(ways: Mapping[str, Figures], frames: int) -> Figure:
     figure = Figure(figsize=(8, 0.8 + 0.45 * len(ways)), layout="constrained")
     axes = figure.add_subplot()
     for place, figures in enumerate(ways.values()):
-        axes.barh(place, frames / figures.median_s, 0.7, color=COLOURS[0], alpha=0.6)
+        axes.barh(place, frames / figures.median_s, 0.7, color=COLORS[0], alpha=0.6)
         rates = [frames / seconds for seconds in figures.seconds]
         axes.plot(rates, [place] * len(rates), "o", color="black", markersize=3)
     axes.set_yticks(range(len(ways)), list(ways))

@@ -9,15 +9,15 @@ from typing import final
 import numpy as np
 import torch
 
-from geoskill.apps.reporting import extracted_ahead
 from geoskill.benchmarks.measurement import Work
+from geoskill.cli.reporting import extracted_ahead
 from geoskill.errors import InputError
-from geoskill.features.ahead import map_ahead
 from geoskill.features.feature_set import FeatureSet
-from geoskill.features.frames import Frame, FrameSource
-from geoskill.skill.description import SkillParts
+from geoskill.io.frames import Frame, FrameSource
+from geoskill.io.prefetch import prefetch_map
 from geoskill.skill.skill import Skill
-from geoskill.skill.steady import SteadySkill
+from geoskill.skill.spec import SkillComponents
+from geoskill.skill.temporal_filter import TemporalFilter
 
 # The way that the others are compared with.
 EXTRACT = "extract"
@@ -44,7 +44,7 @@ class Stages:
     threads: int
 
     @classmethod
-    def of(cls, source: FrameSource, count: int, parts: SkillParts, device: str, threads: int) -> "Stages":
+    def of(cls, source: FrameSource, count: int, parts: SkillComponents, device: str, threads: int) -> "Stages":
         """The first ``count`` frames, or all if there are fewer.
 
         Raises:
@@ -61,7 +61,7 @@ class Stages:
             for kind, of_kind in rows.items():
                 if len(of_kind) == 0:
                     raise InputError(f"{source.name}: no {kind} in {len(frames)} frames; expected some for {name}")
-            member.scorer.remember({kind: torch.from_numpy(of_kind) for kind, of_kind in rows.items()})
+            member.scorer.fit_prototypes({kind: torch.from_numpy(of_kind) for kind, of_kind in rows.items()})
             member.to(device)
         return cls(source, frames, features, skill, threads)
 
@@ -81,11 +81,11 @@ class Stages:
 
     def _extract_at_once(self) -> None:
         images = [frame.image for frame in self.frames]
-        for _ in map_ahead(self.skill.extract, images, threads=self.threads):
+        for _ in prefetch_map(self.skill.extract, images, threads=self.threads):
             pass
 
     def _select(self, extracted: Iterable[tuple[Frame, dict[str, FeatureSet]]]) -> None:
-        infer = SteadySkill(self.skill).infer
+        infer = TemporalFilter(self.skill).infer
         for frame, features in extracted:
             infer(frame.image, features)
 

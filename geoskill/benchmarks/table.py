@@ -9,7 +9,7 @@ from typing import Any, final
 from matplotlib.figure import Figure
 
 from geoskill.benchmarks.measurement import Figures
-from geoskill.viz.curves import COLOURS, save_figure
+from geoskill.viz.curves import COLORS, save_figure
 
 STYLES = {"ours": "o-", "cascade": "v-.", "plain": "s--", "products": "^:"}
 
@@ -126,14 +126,14 @@ def growth_figure(rows: Sequence[Row]) -> Figure:
     for number, case in enumerate(cases):
         of_case = [row for row in rows if (row.kernel, row.model, row.precision) == case]
         for way, style in STYLES.items():
-            colour, label = COLOURS[number % len(COLOURS)], f"{' '.join(case)}, {way}"
+            color, label = COLORS[number % len(COLORS)], f"{' '.join(case)}, {way}"
             known = [row for row in of_case if way in row.ways]
             if known:
                 counts = [row.features for row in known]
-                left.plot(counts, [row.ways[way].median_s for row in known], style, color=colour, label=label)
+                left.plot(counts, [row.ways[way].median_s for row in known], style, color=color, label=label)
             held = [(row.features, row.ways[way].peak_mb) for row in known if row.ways[way].peak_mb is not None]
             if held:
-                right.plot(*zip(*held, strict=True), style, color=colour)
+                right.plot(*zip(*held, strict=True), style, color=color)
     for axes, label in ((left, "seconds"), (right, "peak memory [MiB]")):
         axes.set_xscale("log")
         axes.set_yscale("log")

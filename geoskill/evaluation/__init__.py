@@ -1,1 +1,1 @@
-"""Scoring a skill against labelled regions."""
+"""Scoring a skill against labeled regions."""

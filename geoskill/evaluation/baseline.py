@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from geoskill.evaluation.goal import STRICT_M
+from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
-from geoskill.simulation.tasks.task import Role
-from geoskill.simulation.truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
+from geoskill.simulation.roles import SceneRole
 
 PAIRS = 10
 # A tracker that comes back elsewhere when it is run backwards has slipped, in pixels.
@@ -56,12 +56,12 @@ def track_hand_picked_pairs(recording: Recording) -> BaselineOutcome:
     surfaces = FrameTruth(recording, 0).surface(np.round(pixels).astype(np.int64))
     known = [place for place, surface in enumerate(surfaces) if surface is not None and surface.role is not None]
     seen = _seen_at_the_end(recording, [surfaces[place] for place in known])
-    picked: dict[Role, list[int]] = {Role.OBJECT: [], Role.TARGET: []}
+    picked: dict[SceneRole, list[int]] = {SceneRole.OBJECT: [], SceneRole.TARGET: []}
     for place, visible in zip(known, seen, strict=True):
         surface = surfaces[place]
         if visible and surface is not None and surface.role in picked:
             picked[surface.role].append(place)
-    pairs = list(zip(picked[Role.OBJECT][:PAIRS], picked[Role.TARGET][:PAIRS], strict=False))
+    pairs = list(zip(picked[SceneRole.OBJECT][:PAIRS], picked[SceneRole.TARGET][:PAIRS], strict=False))
     if not pairs:
         return BaselineOutcome(0, 0)
     chosen = np.array(pairs).T.reshape(-1)

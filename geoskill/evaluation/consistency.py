@@ -9,7 +9,7 @@ import numpy as np
 def autocorrelation(values: Sequence[float | None]) -> float | None:
     """The autocorrelation at lag 1 of a series with gaps: 1 for a smooth one, 0 for noise, -1 for one that alternates.
 
-    Products are of neighbours that are both there. None where there are fewer than three such pairs, or where the
+    Products are of neighbors that are both there. None where there are fewer than three such pairs, or where the
     values do not differ.
 
     >>> autocorrelation([1.0, -1.0, 1.0, -1.0])

@@ -74,7 +74,7 @@ def errors_at_goal(
         pixel_m: :attr:`FrameLabels.goal_pixel_m` of the labels.
 
     Returns:
-        The errors in metres, which mean nothing where a node is on neither object nor target; and which instances have
+        The errors in meters, which mean nothing where a node is on neither object nor target; and which instances have
         all of their nodes on the two, and one on each.
     """
     carried, sides = {}, {}
@@ -83,7 +83,7 @@ def errors_at_goal(
         for row in found.geometry.tolist():
             node = Node(kind, tuple(row))
             moved = _at_goal(node, labels)
-            on.append(None if moved is None else labels.label(node.centre, among=(Region.OBJECT, Region.TARGET)))
+            on.append(None if moved is None else labels.label(node.center, among=(Region.OBJECT, Region.TARGET)))
             rows.append(moved or [0.0] * len(row))
         carried[kind] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), kind.geometry_dim)
         sides[kind] = torch.tensor([(side is Region.OBJECT) - (side is Region.TARGET) for side in on])

@@ -49,7 +49,7 @@ class FrameLabels(ABC):
     @property
     @abstractmethod
     def goal_pixel_m(self) -> float | None:
-        """How many metres a pixel is wide at the object when the task is done, or None where that is not known."""
+        """How many meters a pixel is wide at the object when the task is done, or None where that is not known."""
 
 
 class Labels(ABC):
@@ -64,12 +64,12 @@ class Labels(ABC):
     @property
     @abstractmethod
     def first_frame(self) -> int:
-        """The smallest number of a labelled frame."""
+        """The smallest number of a labeled frame."""
 
     @property
     @abstractmethod
     def last_frame(self) -> int:
-        """The largest number of a labelled frame."""
+        """The largest number of a labeled frame."""
 
     @abstractmethod
     def at(self, frame: int) -> FrameLabels | None:

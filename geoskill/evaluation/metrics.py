@@ -1,4 +1,4 @@
-"""How right a skill's top associations are on labelled frames.
+"""How right a skill's top associations are on labeled frames.
 
 An association is right when it joins the object and the target: every node lies on one of them, and each has a node.
 Points count by themselves, lines by their midpoints. Frames whose features allow no right association are infeasible
@@ -27,8 +27,8 @@ _RATES = (
     "top1_accuracy",
     "strict_accuracy",
     "goal_error_mm",
-    "attainable_strict_accuracy",
-    "attainable_goal_error_mm",
+    "oracle_strict_accuracy",
+    "oracle_goal_error_mm",
     "hand_rate",
     "mean_confidence",
     "expected_calibration_error",
@@ -97,7 +97,7 @@ def judge_frame(
         has_association=top is not None,
         feasible=is_feasible(kernel, features, regions, tolerance_px),
         correct=joins_object_and_target(nodes, regions, tolerance_px),
-        hits_hand=any(regions.label(node.centre, tolerance_px) is Region.HAND for node in nodes),
+        hits_hand=any(regions.label(node.center, tolerance_px) is Region.HAND for node in nodes),
         confidence=0.0 if top is None else float(top.confidence),
         rsw=min(1.0, max(0.0, 1.0 - sum(float(association.weight) for association in listed))),
         error=None if top is None else math.hypot(*top.error),
@@ -118,7 +118,7 @@ def top_association(result: InferenceResult, kernel: Kernel, descriptor: str) ->
 
 def joins_object_and_target(nodes: Sequence[Node], regions: FrameLabels, tolerance_px: float = TOLERANCE_PX) -> bool:
     """Whether every node is on the object or the target and each of the two has one; False without nodes."""
-    return {regions.label(node.centre, tolerance_px, _TASK_REGIONS) for node in nodes} == set(_TASK_REGIONS)
+    return {regions.label(node.center, tolerance_px, _TASK_REGIONS) for node in nodes} == set(_TASK_REGIONS)
 
 
 def is_feasible(
@@ -134,7 +134,7 @@ def is_feasible(
     fewest_on_object = most_on_object = 0
     for node_type in node_types(kernel):
         needed = kernel.roles.count(node_type)
-        labels = [regions.label(centre, tolerance_px, _TASK_REGIONS) for centre in _centres(features[node_type])]
+        labels = [regions.label(center, tolerance_px, _TASK_REGIONS) for center in _centers(features[node_type])]
         on_object, on_target = labels.count(Region.OBJECT), labels.count(Region.TARGET)
         if on_object + on_target < needed:
             return False
@@ -144,7 +144,7 @@ def is_feasible(
     return max(fewest_on_object, 1) <= min(most_on_object, len(kernel.roles) - 1)
 
 
-def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[str, Any]:
+def summarize(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[str, Any]:
     """One member's figures over a sequence, as plain numbers for JSON; None where there is nothing to average over.
 
     ``top1_accuracy`` is over the feasible frames, ``hand_rate``, ``mean_confidence`` and ``rsw`` over all of them: a
@@ -189,7 +189,7 @@ def summarise(verdicts: Sequence[FrameVerdict], switches: SwitchCount) -> dict[s
     }
 
 
-def summarise_ensemble(members: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def summarize_ensemble(members: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The figures of all members under ``members`` by name, and those of the whole at the top level.
 
     At the top level, rates are the mean over the members that have one, None where none has; counts are the first
@@ -218,9 +218,9 @@ def _member_features(result: InferenceResult, kernel: Kernel, descriptor: str) -
     return features
 
 
-def _centres(features: FeatureSet) -> list[tuple[float, float]]:
-    centres = features.geometry.reshape(len(features), features.node_type.geometry_dim // 2, 2).mean(axis=1)
-    return [(float(x), float(y)) for x, y in centres]
+def _centers(features: FeatureSet) -> list[tuple[float, float]]:
+    centers = features.geometry.reshape(len(features), features.node_type.geometry_dim // 2, 2).mean(axis=1)
+    return [(float(x), float(y)) for x, y in centers]
 
 
 def _mean(values: Iterable[float]) -> float | None:

@@ -1,4 +1,4 @@
-"""The ground truth of real frames: hand-labelled polygons of the object, the target and the hand.
+"""The ground truth of real frames: hand-labeled polygons of the object, the target and the hand.
 
 The file is JSON::
 
@@ -67,41 +67,41 @@ class FrameRegions(FrameLabels):
 @final
 @dataclass(frozen=True, eq=False)
 class Regions(Labels):
-    """The labelled frames of one sequence.
+    """The labeled frames of one sequence.
 
     Attributes:
         name: the file, for messages.
-        image_size: width and height in pixels of the images that were labelled.
-        labelled: the polygons of each labelled frame by its number; at least one frame.
+        image_size: width and height in pixels of the images that were labeled.
+        labeled: the polygons of each labeled frame by its number; at least one frame.
     """
 
     name: str
     image_size: tuple[int, int]
-    labelled: Mapping[int, FrameRegions]
+    labeled: Mapping[int, FrameRegions]
 
     @property
     def first_frame(self) -> int:
-        """The smallest number of a labelled frame."""
-        return min(self.labelled)
+        """The smallest number of a labeled frame."""
+        return min(self.labeled)
 
     @property
     def last_frame(self) -> int:
-        """The largest number of a labelled frame."""
-        return max(self.labelled)
+        """The largest number of a labeled frame."""
+        return max(self.labeled)
 
     def at(self, frame: int) -> FrameRegions | None:
-        """See :meth:`Labels.at`; None before the first and after the last labelled frame, for nothing is extrapolated.
+        """See :meth:`Labels.at`; None before the first and after the last labeled frame, for nothing is extrapolated.
 
-        Between two labelled frames a region moves linearly, vertex by vertex. Where their numbers of vertices differ,
-        or the region is out of view on one of them, it is the polygon of the nearer labelled frame, and halfway that of
+        Between two labeled frames a region moves linearly, vertex by vertex. Where their numbers of vertices differ,
+        or the region is out of view on one of them, it is the polygon of the nearer labeled frame, and halfway that of
         the earlier one.
         """
         if not self.first_frame <= frame <= self.last_frame:
             return None
-        before = max(number for number in self.labelled if number <= frame)
-        after = min(number for number in self.labelled if number >= frame)
+        before = max(number for number in self.labeled if number <= frame)
+        after = min(number for number in self.labeled if number >= frame)
         share = (frame - before) / max(after - before, 1)
-        earlier, later = self.labelled[before].polygons, self.labelled[after].polygons
+        earlier, later = self.labeled[before].polygons, self.labeled[after].polygons
         return FrameRegions({region: _between(earlier[region], later[region], share) for region in Region})
 
     def require_size(self, image_size: tuple[int, int]) -> None:
@@ -132,11 +132,11 @@ def load_regions(
             raise InputError(f"{path}: {key!r} is missing; expected the keys image_size and frames")
     frames = content["frames"]
     if not isinstance(frames, dict):
-        raise InputError(f"{path}: frames is {_shown(frames)}; expected an object with one entry per labelled frame")
+        raise InputError(f"{path}: frames is {_shown(frames)}; expected an object with one entry per labeled frame")
     if not frames:
-        raise InputError(f"{path}: frames is empty; expected at least one labelled frame")
-    labelled = {_frame_number(path, key, frame_count): _parsed_frame(path, key, frames[key]) for key in frames}
-    regions = Regions(str(path), _parsed_size(path, content["image_size"]), labelled)
+        raise InputError(f"{path}: frames is empty; expected at least one labeled frame")
+    labeled = {_frame_number(path, key, frame_count): _parsed_frame(path, key, frames[key]) for key in frames}
+    regions = Regions(str(path), _parsed_size(path, content["image_size"]), labeled)
     if image_size is not None:
         regions.require_size(image_size)
     return regions

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Int
 
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels, Region
+from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
-from geoskill.simulation.tasks.task import Role
-from geoskill.simulation.truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
+from geoskill.simulation.roles import SceneRole
 
-REGION_OF = {Role.OBJECT: Region.OBJECT, Role.TARGET: Region.TARGET, Role.ACTOR: Region.HAND}
+REGION_OF = {SceneRole.OBJECT: Region.OBJECT, SceneRole.TARGET: Region.TARGET, SceneRole.AGENT: Region.HAND}
 
 
 @final

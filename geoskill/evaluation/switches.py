@@ -12,10 +12,10 @@ from typing import final
 import numpy as np
 from jaxtyping import UInt8
 
-from geoskill.features.flow import follow_features
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import Association, Node, follow_nodes
-from geoskill.skill.sameness import is_same_association
+from geoskill.skill.matching import is_same_association
+from geoskill.tracking.flow import track_between
 
 
 @final
@@ -54,7 +54,7 @@ class SwitchCounter:
     def advance(self, image: UInt8[np.ndarray, "height width 3"]) -> None:
         """Goes on to the next RGB frame, following the nodes of the last top association if they are still there."""
         if self._followed is not None and self._image is not None:
-            self._followed = follow_nodes(self._followed, partial(follow_features, start=self._image, end=image))
+            self._followed = follow_nodes(self._followed, partial(track_between, start=self._image, end=image))
         self._image = image
 
     def judge(self, top: Association | None) -> bool | None:

@@ -14,9 +14,9 @@ Scores = Mapping[str, Sequence[Mapping[str, Any]]]
 DETAILS = {
     "top-1": "top1_accuracy",
     "strict": "strict_accuracy",
-    "attainable": "attainable_strict_accuracy",
+    "oracle": "oracle_strict_accuracy",
     "error at the goal [mm]": "goal_error_mm",
-    "attainable [mm]": "attainable_goal_error_mm",
+    "oracle [mm]": "oracle_goal_error_mm",
     "precision": "precision",
     "hand": "hand_rate",
     "switches per frame": "switches_per_frame",

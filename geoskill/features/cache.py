@@ -7,9 +7,9 @@ from typing import final
 import numpy as np
 from jaxtyping import UInt8
 
-from geoskill.array_store import ArrayStore
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
+from geoskill.io.disk_cache import DiskCache
 
 # Raise it when the meaning of what an extractor returns changes without its settings changing.
 FORMAT = 2
@@ -23,7 +23,7 @@ class FeatureCache:
         store: where they are kept.
     """
 
-    def __init__(self, store: ArrayStore) -> None:
+    def __init__(self, store: DiskCache) -> None:
         self._store = store
 
     def get_or_compute(

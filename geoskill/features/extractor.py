@@ -11,7 +11,7 @@ from geoskill.geometry.primitives import NodeType
 
 
 class FeatureExtractor(ABC):
-    """Detects features in a grey picture and describes each one.
+    """Detects features in a gray picture and describes each one.
 
     A subclass is final, takes only plain keyword arguments (numbers, strings, booleans: they identify it in the cache
     and in a checkpoint) and keeps them as attributes of the same names.
@@ -30,6 +30,6 @@ class FeatureExtractor(ABC):
         """The features of a picture, strongest first, in pixels of that picture, descriptors of unit norm.
 
         Args:
-            image: grey.
+            image: gray.
             limit: how many are used, the strongest ones; those beyond may be left out undescribed. None for all.
         """

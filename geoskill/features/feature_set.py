@@ -22,7 +22,7 @@ class FeatureSet:
         strength: ``[n]``, the detector's response, not increasing. Comparable within one frame only.
         arms: ``[n, 2]``, from the middle of each feature, in the direction that its descriptor takes for its own, to
             the edge of what that describes, in pixels; or None where the extractor does not say. Pipelines need it
-            for colours, and leave it out of what they return.
+            for colors, and leave it out of what they return.
 
     Raises:
         ValueError: when the arrays disagree in length, a row has the wrong width, or a number is not finite.

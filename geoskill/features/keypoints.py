@@ -46,7 +46,7 @@ def keypoint_features(
         descriptors: theirs.
         reach: how far from the keypoint its descriptor looks, in diameters.
     """
-    angles = np.radians(np.array([k.angle for k in keypoints], np.float32))  # from x towards y, which is down
+    angles = np.radians(np.array([k.angle for k in keypoints], np.float32))  # from x toward y, which is down
     lengths = reach * np.array([k.size for k in keypoints], np.float32)
     return FeatureSet(
         NodeType.POINT,

@@ -3,8 +3,8 @@
 L. Zhang and R. Koch, "An efficient and robust line segment matching approach based on LBD descriptor and pairwise
 geometric consistency", Journal of Visual Communication and Image Representation 24 (2013), section 2.
 
-Nine bands parallel to the segment are laid over it. Every row of a band is summarised by four sums of gradients, every
-band by the mean and the standard deviation of its rows and of its neighbours' rows.
+Nine bands parallel to the segment are laid over it. Every row of a band is summarized by four sums of gradients, every
+band by the mean and the standard deviation of its rows and of its neighbors' rows.
 
     row   -31 ..  -25   band 0        to the left of the line's direction (y is down)
            ...
@@ -23,7 +23,7 @@ DESCRIPTOR_DIM = 8 * BAND_COUNT
 COMPONENT_LIMIT = 0.4
 # Differences of a picture that is not smoothed are ruled by the noise and blocks of its compression.
 SMOOTHING_SIGMA_PX = 1.0
-# The smoothing's rounding errors (about 3e-5 grey levels) must not pass for texture where the picture is uniform.
+# The smoothing's rounding errors (about 3e-5 gray levels) must not pass for texture where the picture is uniform.
 SMALLEST_GRADIENT = 1e-4
 # One chunk holds about 80 bytes for each sample: some 20 MB at the peak, whatever the number of segments.
 SAMPLES_PER_CHUNK = 1 << 18
@@ -35,9 +35,9 @@ def describe(
     """Describes segments ``[x1, y1, x2, y2]`` in pixels; each row has unit L2 norm.
 
     Component ``8 j + c`` is the mean, and ``8 j + 4 + c`` the standard deviation, of the sum ``v(c + 1)`` over the rows
-    of band ``j`` and of its neighbours, ``j`` = 0 being the leftmost band. v1 and v2 add up the positive and the
+    of band ``j`` and of its neighbors, ``j`` = 0 being the leftmost band. v1 and v2 add up the positive and the
     negative parts of the gradient across the line, to its right; v3 and v4 those along it.
-    The means and the deviations are normalised apart, limited to 0.4, and normalised together.
+    The means and the deviations are normalized apart, limited to 0.4, and normalized together.
 
     The order of the end points has no influence: the line is directed so that the mean gradient next to it (rows
     weighted by a Gaussian of 1 px) points to its right, that is, the brighter side is on its right hand. So a picture
@@ -47,7 +47,7 @@ def describe(
     unknown adds nothing. A segment whose whole surroundings are uniform has no descriptor; its row is all zeros.
 
     Args:
-        image: grey.
+        image: gray.
         segments: in any order, partly or wholly outside the picture if need be.
         band_width: rows of 1 px in each band, odd. The region is ``9 * band_width`` px wide.
 
@@ -72,7 +72,7 @@ def describe(
     chunk_of_line = np.cumsum(counts) * BAND_COUNT * band_width // SAMPLES_PER_CHUNK
     chunks = np.split(np.arange(len(lines)), np.flatnonzero(np.diff(chunk_of_line)) + 1)
     row_sums = np.concatenate([_row_sums(gradient, lines[c], lengths[c], counts[c], band_width) for c in chunks])
-    return _normalise(*_band_statistics(_directed(row_sums), band_width))
+    return _normalize(*_band_statistics(_directed(row_sums), band_width))
 
 
 def _gradient(image: UInt8[np.ndarray, "height width"]) -> Complex64[np.ndarray, "padded_height padded_width"]:
@@ -101,7 +101,7 @@ def _row_sums(
     start = lines[:, 0] + 1j * lines[:, 1]
     along = (lines[:, 2] - lines[:, 0]) + 1j * (lines[:, 3] - lines[:, 1])
     direction = along / lengths
-    # With y down, a quarter turn from x towards y, a factor of i, leads to the right hand.
+    # With y down, a quarter turn from x toward y, a factor of i, leads to the right hand.
     offsets = np.arange(BAND_COUNT * band_width) - (BAND_COUNT * band_width - 1) / 2
     column = start[line_of_column] + fraction * along[line_of_column]
     places = (column + offsets[:, None] * (1j * direction)[line_of_column]).astype(np.complex64)
@@ -147,7 +147,7 @@ def _directed(row_sums: Float[np.ndarray, "n rows 4"]) -> Float[np.ndarray, "n r
 def _band_statistics(
     row_sums: Float[np.ndarray, "n rows 4"], band_width: int
 ) -> tuple[Float[np.ndarray, "n bands 4"], Float[np.ndarray, "n bands 4"]]:
-    """Mean and standard deviation over the weighted rows of each band and its neighbours."""
+    """Mean and standard deviation over the weighted rows of each band and its neighbors."""
     row_count = BAND_COUNT * band_width
     row = np.arange(row_count)
     band = np.arange(BAND_COUNT)[:, None]
@@ -164,7 +164,7 @@ def _band_statistics(
     return mean, np.sqrt(np.maximum(mean_square - mean**2, 0))
 
 
-def _normalise(
+def _normalize(
     mean: Float[np.ndarray, "n bands 4"], deviation: Float[np.ndarray, "n bands 4"]
 ) -> Float32[np.ndarray, "n 72"]:
     """The two parts, each of unit norm, interleaved band by band, limited, and of unit norm together."""

@@ -12,9 +12,9 @@ from geoskill.errors import InputError
 
 # The paper's: the picture is reduced to this scale first, against staircases.
 DETECTION_SCALE = 0.8
-# OpenCV divides coordinates by the scale as if (0, 0) were the corner of the first pixel and not its centre. Step edges
-# at known places show the whole of this shift, 0.125 px towards the origin.
-CENTRE_SHIFT_PX = 0.5 / DETECTION_SCALE - 0.5
+# OpenCV divides coordinates by the scale as if (0, 0) were the corner of the first pixel and not its center. Step edges
+# at known places show the whole of this shift, 0.125 px toward the origin.
+CENTER_SHIFT_PX = 0.5 / DETECTION_SCALE - 0.5
 
 
 def detect_segments(
@@ -27,7 +27,7 @@ def detect_segments(
     carries no meaning. One edge may come as several segments.
 
     Args:
-        image: grey; a picture without pixels or without an edge has no segment.
+        image: gray; a picture without pixels or without an edge has no segment.
         min_length: in pixels; shorter segments are left out. Those under one pixel always are.
 
     Raises:
@@ -48,7 +48,7 @@ def detect_segments(
     if found is None:
         return np.zeros((0, 4), np.float32), np.zeros(0, np.float32)
     # OpenCV 5 returns [n, 4], OpenCV 4 [n, 1, 4].
-    segments = np.asarray(found, np.float32).reshape(-1, 4) + np.float32(CENTRE_SHIFT_PX)
+    segments = np.asarray(found, np.float32).reshape(-1, 4) + np.float32(CENTER_SHIFT_PX)
     lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     order = np.argsort(-lengths, kind="stable")
     order = order[lengths[order] >= max(min_length, 1.0)]

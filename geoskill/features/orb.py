@@ -23,7 +23,7 @@ class Orb(FeatureExtractor):
 
     Args:
         candidates: keypoints asked of the detector before the pipeline keeps the strongest.
-        fast_threshold: the corner detector's threshold in grey levels.
+        fast_threshold: the corner detector's threshold in gray levels.
     """
 
     node_type: ClassVar[NodeType] = NodeType.POINT
@@ -55,7 +55,7 @@ class Orb(FeatureExtractor):
 def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, int], scale_factor: float) -> cv2.KeyPoint:
     """The keypoint where it lies in the picture; its ``class_id`` is the row of its descriptor.
 
-    OpenCV multiplies a pixel of a pyramid level by the nominal scale. That ignores that pixel centres move when a
+    OpenCV multiplies a pixel of a pyramid level by the nominal scale. That ignores that pixel centers move when a
     picture is resized, and that a level has a whole number of pixels: up to 2 px too far to the left and up.
     """
     scale = scale_factor**keypoint.octave

@@ -1,4 +1,4 @@
-"""Grey patches around SIFT's keypoints, in their scale and direction, for a network that describes them itself."""
+"""Gray patches around SIFT's keypoints, in their scale and direction, for a network that describes them itself."""
 
 from dataclasses import replace
 from typing import ClassVar, final
@@ -14,13 +14,13 @@ from geoskill.features.sift import REACH, sift_detector
 from geoskill.geometry.primitives import NodeType
 
 SIDE = 16
-# Pixel centres over a square from -1 to 1.
+# Pixel centers over a square from -1 to 1.
 TICKS = ((np.arange(SIDE) + 0.5) * 2 / SIDE - 1).astype(np.float32)
 
 
 @final
 class Patch(FeatureExtractor):
-    """What SIFT would describe, as 16 by 16 grey pixels of zero mean and unit norm, row by row.
+    """What SIFT would describe, as 16 by 16 gray pixels of zero mean and unit norm, row by row.
 
     The first pixel's row and column lie against the keypoint's direction; the columns go along it. A patch without any
     contrast is zero but for its first pixel.
@@ -57,10 +57,10 @@ def patches_along(
     middles: Float32[np.ndarray, "n 2"],
     arms: Float32[np.ndarray, "n 2"],
 ) -> Float32[np.ndarray, "n s"]:
-    """The grey values of a grid of 16 by 16 places around each of the middles.
+    """The gray values of a grid of 16 by 16 places around each of the middles.
 
     Args:
-        image: grey.
+        image: gray.
         middles: in pixels.
         arms: from there to the middle of the patch's side, along its rows.
     """

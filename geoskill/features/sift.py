@@ -22,7 +22,7 @@ class Sift(FeatureExtractor):
     Args:
         contrast_threshold: the detector's threshold on the difference of Gaussians. Far below OpenCV's 0.04, because
             the pipeline keeps the strongest features anyway: the threshold only decides whether a dull picture has any.
-        root: RootSIFT (Arandjelovic and Zisserman, CVPR 2012): the square root of the L1-normalised histogram.
+        root: RootSIFT (Arandjelovic and Zisserman, CVPR 2012): the square root of the L1-normalized histogram.
     """
 
     node_type: ClassVar[NodeType] = NodeType.POINT

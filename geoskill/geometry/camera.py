@@ -1,7 +1,7 @@
 """The pinhole camera.
 
-A camera's frame has x to the right, y down and z forward, like its pictures; pixel (0, 0) is the centre of the top left
-pixel. Depth is along the camera's z, not along the ray. Lengths are in metres.
+A camera's frame has x to the right, y down and z forward, like its pictures; pixel (0, 0) is the center of the top left
+pixel. Depth is along the camera's z, not along the ray. Lengths are in meters.
 """
 
 import math
@@ -32,7 +32,7 @@ class PinholeCamera:
     pose: Pose
 
     @property
-    def centre_px(self) -> Float64[np.ndarray, "2"]:
+    def center_px(self) -> Float64[np.ndarray, "2"]:
         """Where the axis meets the picture."""
         return np.array([(self.width - 1) / 2, (self.height - 1) / 2])
 
@@ -47,7 +47,7 @@ def project(
 ) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, " n"]]:
     """Where points of the world appear, in pixels, and their depth; behind the camera the depth is not positive.
 
-    One metre before the camera and 0.1 m to the right of its axis:
+    One meter before the camera and 0.1 m to the right of its axis:
 
     >>> at_origin = PinholeCamera(641, 481, 500.0, np.eye(4))
     >>> project(at_origin, np.array([[0.1, 0.0, 1.0]]))
@@ -55,7 +55,7 @@ def project(
     """
     seen = transform(inverse(camera.pose), points)
     depth = seen[:, 2]
-    pixels: Float64[np.ndarray, "n 2"] = camera.focal_px * seen[:, :2] / depth[:, None] + camera.centre_px
+    pixels: Float64[np.ndarray, "n 2"] = camera.focal_px * seen[:, :2] / depth[:, None] + camera.center_px
     return pixels, depth
 
 
@@ -63,7 +63,7 @@ def back_project(
     camera: PinholeCamera, pixels: Float64[np.ndarray, "n 2"], depth_m: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, "n 3"]:
     """The points of the world that appear at the pixels, at the given depths; the inverse of :func:`project`."""
-    across = (pixels - camera.centre_px) / camera.focal_px * depth_m[:, None]
+    across = (pixels - camera.center_px) / camera.focal_px * depth_m[:, None]
     return transform(camera.pose, np.column_stack([across, depth_m]))
 
 

@@ -1,7 +1,7 @@
 """Rigid poses in space, as 4x4 matrices.
 
 A pose takes homogeneous coordinates of a body to those of the world (or of a parent body): ``world = pose @ body``.
-Lengths are in metres, frames right-handed, the world's z axis points up, angles are in radians.
+Lengths are in meters, frames right-handed, the world's z axis points up, angles are in radians.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 Conventions, used everywhere in the package:
 
-- image coordinates are pixels of the input frame, x to the right, y down, (0, 0) the centre of the top left pixel;
+- image coordinates are pixels of the input frame, x to the right, y down, (0, 0) the center of the top left pixel;
 - a point is ``[x, y]``; a line is the segment ``[x1, y1, x2, y2]`` that was detected on it, whose end points have no
   order;
 - batches of primitives are tensors ``[m, 2]`` or ``[m, 4]``.

@@ -52,6 +52,6 @@ def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
     """
     vector = segment[:, 2:] - segment[:, :2]
     degenerate = is_degenerate(segment)[:, None]
-    # The divisor is replaced before dividing: masking the quotient afterwards would leave NaN in its gradient.
+    # The divisor is replaced before dividing: masking the quotient afterward would leave NaN in its gradient.
     divisor = torch.where(degenerate, 1.0, length(segment)[:, None])
     return torch.where(degenerate, 0.0, vector / divisor)

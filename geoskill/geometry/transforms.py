@@ -1,6 +1,6 @@
 """Transforms of image coordinates.
 
-Pixel coordinates have the centre of the top left pixel at (0, 0): that pixel covers -0.5 to 0.5.
+Pixel coordinates have the center of the top left pixel at (0, 0): that pixel covers -0.5 to 0.5.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ def rescale_points(
 ) -> Float[np.ndarray, "n coordinates"]:
     """Where points ``[n, 2]`` or segments ``[n, 4]`` of a picture lie in its resized version, in pixels of that.
 
-    Pixel edges, not pixel centres, are what a resize keeps in place, as in ``cv2.resize``:
+    Pixel edges, not pixel centers, are what a resize keeps in place, as in ``cv2.resize``:
     x' = (x + 0.5) · factor - 0.5. The way back is the same function with the inverse factors.
 
     Args:

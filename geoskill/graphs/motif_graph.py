@@ -7,7 +7,7 @@ joins. PyTorch Geometric's own ``DataLoader`` batches it.
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import fields
 from typing import Any, final
 
 import torch
@@ -18,39 +18,7 @@ from torch_geometric.data import Data
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Where a frame's features lie in the other frame of a transition.
-
-    Attributes:
-        geometry: ``[n, g]`` in pixels; equal to the frame's own where a feature was not followed.
-        followed: ``[n]``.
-    """
-
-    geometry: Float[Tensor, "n g"]
-    followed: Bool[Tensor, " n"]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Journey:
-    """Where a frame's features were at ``a`` frames of the past, the anchors, and where they lie in the end.
-
-    Attributes:
-        places: ``[n, a, g]`` in pixels; the frame's own geometry where unknown.
-        since: ``[n]``, the first anchor at which the place is known, and from which on it is until the frame itself; a
-            where it never is.
-        final: ``[n, g]`` in pixels, at the end of the demonstration; the frame's own where unknown.
-        arrives: ``[n]``, whether the final place is known.
-    """
-
-    places: Float[Tensor, "n a g"]
-    since: Int64[Tensor, " n"]
-    final: Float[Tensor, "n g"]
-    arrives: Bool[Tensor, " n"]
+from geoskill.tracking.motion import Displacement, Trajectory
 
 
 @final
@@ -61,8 +29,8 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
         T_count: ``[1]``, how many there are; in a batch, in each frame.
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
-        T_moved, T_followed: the :class:`Motion`, in training only.
-        T_places, T_since, T_final, T_arrives: the :class:`Journey`, in training only.
+        T_next_geometry, T_tracked: the :class:`Displacement`, in training only.
+        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known: the :class:`Trajectory`, in training only.
 
     And for the instances, where there are (:func:`feature_graph`):
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
@@ -89,25 +57,25 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
 def motif_graph(
     kernel: Kernel,
     features: Mapping[NodeType, FeatureSet],
-    motion: Mapping[NodeType, Motion] | None = None,
-    journey: Mapping[NodeType, Journey] | None = None,
+    displacement: Mapping[NodeType, Displacement] | None = None,
+    trajectory: Mapping[NodeType, Trajectory] | None = None,
 ) -> MotifGraph:
     """The graph of one frame, with every instance.
 
     Args:
         kernel: gives the node types and the instances.
         features: one feature set for each of the kernel's node types.
-        motion: for each node type, where the features went; for training.
-        journey: for each node type, where they came from and where they end; for training.
+        displacement: for each node type, where the features lie in the transition's other frame; for training.
+        trajectory: for each node type, where they came from and where they end; for training.
     """
-    return with_instances(kernel, feature_graph(kernel, features, motion, journey))
+    return with_instances(kernel, feature_graph(kernel, features, displacement, trajectory))
 
 
 def feature_graph(
     kernel: Kernel,
     features: Mapping[NodeType, FeatureSet],
-    motion: Mapping[NodeType, Motion] | None = None,
-    journey: Mapping[NodeType, Journey] | None = None,
+    displacement: Mapping[NodeType, Displacement] | None = None,
+    trajectory: Mapping[NodeType, Trajectory] | None = None,
 ) -> MotifGraph:
     """The same without instances, to which :func:`with_instances` adds those that are wanted."""
     graph = MotifGraph()
@@ -117,12 +85,10 @@ def feature_graph(
         graph[f"{node_type}_count"] = torch.tensor([len(found)])
         graph[f"{node_type}_descriptor"] = torch.from_numpy(found.descriptors)
         graph[f"{node_type}_geometry"] = torch.from_numpy(found.geometry)
-        if motion is not None:
-            graph[f"{node_type}_moved"] = motion[node_type].geometry
-            graph[f"{node_type}_followed"] = motion[node_type].followed
-        if journey is not None:
-            for name in ("places", "since", "final", "arrives"):
-                graph[f"{node_type}_{name}"] = getattr(journey[node_type], name)
+        for record in (displacement, trajectory):
+            if record is not None:
+                for field in fields(record[node_type]):
+                    graph[f"{node_type}_{field.name}"] = getattr(record[node_type], field.name)
     graph.num_nodes = sum(len(features[node_type]) for node_type in types)
     graph.roles = tuple(str(role) for role in kernel.roles)
     return graph

@@ -1,4 +1,4 @@
-"""A factorised select-out: per-feature encoders, scores as inner products."""
+"""A factorized select-out: per-feature encoders, scores as inner products."""
 
 from collections.abc import Mapping
 from typing import final

@@ -1,4 +1,4 @@
-"""Of many instances, only those that a factorised score likes best are worth the costly one.
+"""Of many instances, only those that a factorized score likes best are worth the costly one.
 
 A score is a part that is cheap for all pairs, and a costly one, here that of message passing. Of the costly part a
 frame's own additive model is made, the mean over a few partners spread over the frame::

@@ -25,10 +25,10 @@ class KernelModel(nn.Module):
     Attributes:
         spans: ``[s]``, the lengths in frames of the transitions it was trained on; empty before training.
         beta: ``[s]``, the reward's scale for each of them, fitted to the demonstration.
-        mover: ``[d]``, its product with the descriptor of one node is larger than with that of another that the motif
+        node_order: ``[d]``, its product with the descriptor of one node is larger than with that of another that the motif
             does not tell apart, when the one moves to the other; empty before training, and where the motif tells all
             nodes apart.
-        usual_lead: how far the best score of a frame is ahead in the demonstration; 0 before training
+        reference_margin: how far the best score of a frame is ahead in the demonstration; 0 before training
             (:mod:`geoskill.model.confidence`). All four are buffers, so that a checkpoint holds them.
 
     Raises:
@@ -37,8 +37,8 @@ class KernelModel(nn.Module):
 
     spans: Tensor
     beta: Tensor
-    mover: Tensor
-    usual_lead: Tensor
+    node_order: Tensor
+    reference_margin: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -49,8 +49,8 @@ class KernelModel(nn.Module):
         self.scorer = scorer
         self.register_buffer("spans", torch.zeros(0, dtype=torch.long))
         self.register_buffer("beta", torch.zeros(0))
-        self.register_buffer("mover", torch.zeros(0))
-        self.register_buffer("usual_lead", torch.zeros(()))
+        self.register_buffer("node_order", torch.zeros(0))
+        self.register_buffer("reference_margin", torch.zeros(()))
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
         """Keep what was fitted to the demonstration."""
@@ -58,30 +58,30 @@ class KernelModel(nn.Module):
             raise ValueError(f"{len(beta)} values of beta for {len(spans)} spans; expected as many")
         self.spans, self.beta = spans.to(self.spans), beta.to(self.beta)
 
-    def set_mover(self, mover: Float[Tensor, " d"]) -> None:
+    def set_node_order(self, node_order: Float[Tensor, " d"]) -> None:
         """Keep what was fitted to the demonstration."""
-        self.mover = mover.to(self.mover)
+        self.node_order = node_order.to(self.node_order)
 
-    def set_usual_lead(self, usual_lead: Float[Tensor, ""]) -> None:
+    def set_reference_margin(self, reference_margin: Float[Tensor, ""]) -> None:
         """Keep what was fitted to the demonstration."""
-        self.usual_lead = usual_lead.to(self.usual_lead)
+        self.reference_margin = reference_margin.to(self.reference_margin)
 
-    def moving_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
+    def moving_node_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """Instances of a frame with their nodes in the order, of those that the motif does not tell apart, in which
         the node that moved in the demonstration comes first; the sign of the control error follows it.
         """
         orders = automorphisms(self.kernel)
-        if len(orders) == 1 or len(self.mover) == 0:
+        if len(orders) == 1 or len(self.node_order) == 0:
             return instances
         role = self.kernel.roles[0]
-        moves = self.attribute(graph, "descriptor")[role] @ self.mover
+        moves = self.attribute(graph, "descriptor")[role] @ self.node_order
         best = torch.stack([moves[instances[order[0]]] for order in orders]).argmax(dim=0)
         listed = torch.stack([instances[list(order)] for order in orders])
         return listed[best, :, torch.arange(instances.shape[1], device=instances.device)].T
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # Their lengths depend on the demonstration and on its descriptors, so the stored shape rules.
-        for name in ("spans", "beta", "mover"):
+        for name in ("spans", "beta", "node_order"):
             if prefix + name in state_dict:
                 own = getattr(self, name)
                 setattr(self, name, own.new_empty(state_dict[prefix + name].shape))
@@ -111,10 +111,10 @@ class KernelModel(nn.Module):
         return scores.float()
 
     def attribute(self, graph: MotifGraph, name: str) -> dict[NodeType, Tensor]:
-        """A per-feature attribute (``descriptor``, ``geometry``, ``moved``, ``followed``) by node type."""
+        """A per-feature attribute (``descriptor``, ``geometry``, ``next_geometry``, ``tracked``) by node type."""
         return {node_type: graph[f"{node_type}_{name}"] for node_type in self.node_types}
 
     def control_errors(self, graph: MotifGraph, geometry: str = "geometry") -> Float[Tensor, "m d"]:
-        """The control error of every instance, from the features' own or their ``moved`` geometry."""
+        """The control error of every instance, from the features' own or their ``next_geometry``."""
         nodes = gather_nodes(self.kernel, self.attribute(graph, geometry), graph.instance_index)
         return self.kernel.control_error(nodes)

@@ -198,7 +198,7 @@ class MessagePassing(InstanceScorer):
         self.encoder = DescriptorEncoder(motif, hidden_dim, encoder_dim)
         self.layers = nn.ModuleList(MessageLayer(hidden_dim) for _ in range(1 if shared_weights else layers))
         self.read_out = build_read_out(read_out, motif, hidden_dim)
-        self.direct = None if prototypes is None else PrototypeMixture(motif, prototypes=prototypes)
+        self.prototype_score = None if prototypes is None else PrototypeMixture(motif, prototypes=prototypes)
 
     def layer(self, step: int) -> MessageLayer:
         """The layer of this step."""
@@ -215,10 +215,10 @@ class MessagePassing(InstanceScorer):
         _require_precision(precision, "precision")
         self.precision = precision
 
-    def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
-        """See :meth:`PrototypeMixture.remember`; without prototypes, nothing."""
-        if self.direct is not None:
-            self.direct.remember(descriptors)
+    def fit_prototypes(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
+        """See :meth:`PrototypeMixture.fit_prototypes`; without prototypes, nothing."""
+        if self.prototype_score is not None:
+            self.prototype_score.fit_prototypes(descriptors)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
@@ -255,10 +255,10 @@ class MessagePassing(InstanceScorer):
             memory_bytes=MIB * self.memory_mb,
         )
         count = instance_index.shape[1]
-        if self.direct is None:
+        if self.prototype_score is None:
             likeness = next(iter(descriptors.values())).new_zeros(count)
         else:
-            likeness = self.direct(descriptors, instance_index)
+            likeness = self.prototype_score(descriptors, instance_index)
         if self.cascade is None or self.training or count <= self.cascade:
             scores: Tensor = messages(instance_index) + likeness
             return scores

@@ -63,7 +63,7 @@ class PrototypeMixture(InstanceScorer):
             self.register_buffer(f"{kind}_prototypes", torch.zeros(prototypes, dim))
             self.register_buffer(f"{kind}_window", torch.ones(()))
 
-    def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
+    def fit_prototypes(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
         """Keep K features of each type as prototypes, spread evenly over those given; again and again if they are few.
 
         The window is fitted to them. Unit-norm descriptors are expected.

@@ -21,7 +21,7 @@ from geoskill.model.message_passing import MessageLayer, MessagePassing
 class ReferenceLayer(GraphLayer):  # type: ignore[misc]  # PyTorch Geometric's classes have no types
     """One step of message passing with the weights of a :class:`MessageLayer`.
 
-    Node j's state h_j, its new state, and the sum over its neighbours i (the paper's equations 2 to 4):
+    Node j's state h_j, its new state, and the sum over its neighbors i (the paper's equations 2 to 4):
     ``h_j <- GRU(sum_i message(h_i, h_j), h_j)``.
     """
 
@@ -68,6 +68,6 @@ def reference_scores(
     # An instance at a time, and so the read-out is a part of what the dense path is compared with.
     of_instances = states.reshape(len(graphs), len(motif.roles), -1)
     scores = torch.cat([scorer.read_out([state[None] for state in instance]) for instance in of_instances])
-    if scorer.direct is None:
+    if scorer.prototype_score is None:
         return scores
-    return scores + torch.cat([scorer.direct(descriptors, instance[:, None]) for instance in instance_index.T])
+    return scores + torch.cat([scorer.prototype_score(descriptors, instance[:, None]) for instance in instance_index.T])

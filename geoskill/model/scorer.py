@@ -44,7 +44,7 @@ class InstanceScorer(nn.Module, ABC):
     The score does not change when an instance's nodes are listed in the order of another automorphism.
     """
 
-    def remember(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
+    def fit_prototypes(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
         """Keep what it wants of all features of the demonstration, before training. Most want nothing."""
 
     @abstractmethod

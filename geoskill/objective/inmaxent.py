@@ -1,8 +1,8 @@
-"""The InMaxEnt objective of a batch of transitions, to be maximised.
+"""The InMaxEnt objective of a batch of transitions, to be maximized.
 
     mean over transitions of (r - log Z(r))  -  lambda · mean RSW of both frames  -  weight · mean goal of both frames
 
-Source: Jin et al., ICRA 2020, equation 11 with the RSW regulariser and Algorithm 1; METHOD, settled points 6, 10 and 13
+Source: Jin et al., ICRA 2020, equation 11 with the RSW regularizer and Algorithm 1; METHOD, settled points 6, 10 and 13
 and "The reward is the weak spot, and how to mend it". The goal term is ours (:mod:`geoskill.objective.goal`).
 """
 
@@ -38,13 +38,13 @@ class ObjectiveSettings:
         change: how a tracked instance's change of error is measured (:func:`~geoskill.objective.reward.error_change`).
         error_reduction: how instances make up Ec (:func:`~geoskill.objective.reward.overall_error`).
         partition: the closed form of log Z or the paper's estimate of it.
-        first_samples: s1 of the estimate, for the value.
-        second_samples: s2 of the estimate, for the gradient.
+        value_samples: s1 of the estimate, for the value.
+        gradient_samples: s2 of the estimate, for the gradient.
         beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
         goal_weight: weight of the goal term; 0 leaves it out, as the paper does.
-        goal_temperature: how much less than the best arrival still counts
+        goal_temperature: how much less than the best goal_progress still counts
             (:func:`~geoskill.objective.goal.goal_divergence`).
-        goal_scale: what an instance's score should be ahead of another's, over what its arrival is.
+        goal_scale: what an instance's score should be ahead of another's, over what its goal_progress is.
 
     Raises:
         InputError: a value is outside its range; the message names the key.
@@ -57,8 +57,8 @@ class ObjectiveSettings:
     change: ErrorChange = "relative"
     error_reduction: ErrorReduction = "norm"
     partition: PartitionKind = "exact"
-    first_samples: int = 1000
-    second_samples: int = 1000
+    value_samples: int = 1000
+    gradient_samples: int = 1000
     beta_scale: float = 1.5
     goal_weight: float = 1.0
     goal_temperature: float = 0.1
@@ -74,7 +74,7 @@ class ObjectiveSettings:
         for key in ("beta_scale", "goal_temperature", "goal_scale"):
             value = getattr(self, key)
             self._require(key, _is_number(value) and value > 0, "a positive number")
-        for key in ("alternatives", "first_samples", "second_samples"):
+        for key in ("alternatives", "value_samples", "gradient_samples"):
             value = getattr(self, key)
             is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
             self._require(key, is_count, "a whole number of at least 1")
@@ -103,8 +103,8 @@ class FrameSelection:
             instance followed to the other frame; 0 where it could not be followed.
         batch: ``[m]``, the frame of each instance, sorted, counted from 0.
         num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
-        arrivals: ``[m]``, what each instance earns for having come together by the end of the demonstration
-            (:func:`~geoskill.objective.goal.arrival`); only the goal term needs it.
+        goal_progress: ``[m]``, what each instance earns for having come together by the end of the demonstration
+            (:func:`~geoskill.objective.goal.goal_progress`); only the goal term needs it.
         scores: ``[m]``, b; only the goal term needs it.
 
     Raises:
@@ -116,14 +116,14 @@ class FrameSelection:
     change: Float[Tensor, " m"]
     batch: Int[Tensor, " m"]
     num_frames: int
-    arrivals: Float[Tensor, " m"] | None = None
+    goal_progress: Float[Tensor, " m"] | None = None
     scores: Float[Tensor, " m"] | None = None
 
     def __post_init__(self) -> None:
         lengths = (len(self.select_out), len(self.errors), len(self.change), len(self.batch))
         if len(set(lengths)) != 1:
             raise ValueError(f"select_out, errors, change and batch have {lengths} rows; expected the same number")
-        for name in ("arrivals", "scores"):
+        for name in ("goal_progress", "scores"):
             values = getattr(self, name)
             if values is not None and len(values) != len(self.batch):
                 raise ValueError(f"{name} has {len(values)} rows for {len(self.batch)} instances; expected as many")
@@ -137,7 +137,7 @@ class ObjectiveValue:
     """The objective and its parts, scalar tensors, all still differentiable.
 
     Attributes:
-        objective: to be maximised.
+        objective: to be maximized.
         reward: mean r of the transitions, in [-1, 1].
         rsw: mean residual sum of weights of all frames, in [0, 1].
         goal: mean divergence from the goal of all frames, 0 or more, in nats; 0 where its weight is 0.
@@ -214,13 +214,13 @@ def transition_objective(
 def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, " frames"]:
     if settings.goal_weight == 0:
         return frames.select_out.new_zeros(frames.num_frames)
-    if frames.arrivals is None or frames.scores is None:
+    if frames.goal_progress is None or frames.scores is None:
         raise ValueError(
-            f"a selection without arrivals or scores; expected both for objective.goal_weight={settings.goal_weight}"
+            f"a selection without goal_progress or scores; expected both for objective.goal_weight={settings.goal_weight}"
         )
     return goal_divergence(
         frames.scores,
-        frames.arrivals,
+        frames.goal_progress,
         settings.goal_temperature,
         settings.goal_scale,
         frames.batch,
@@ -234,7 +234,7 @@ def _log_partition(
     if settings.partition == "exact":
         return log_partition(rewards, settings.sigma0)
     return log_partition_monte_carlo(
-        rewards, settings.sigma0, settings.first_samples, settings.second_samples, generator
+        rewards, settings.sigma0, settings.value_samples, settings.gradient_samples, generator
     )
 
 

@@ -111,7 +111,7 @@ def error_change(
 def beta_from_changes(
     changes: Float[Tensor, " m"], moving: Bool[Tensor, " m"], scale: float = 1.5
 ) -> Float[Tensor, ""]:
-    """Beta = scale / median(abs(change)) over the instances that move: the median mover earns tanh(scale / 2).
+    """Beta = scale / median(abs(change)) over the instances that move: the median node_order earns tanh(scale / 2).
 
     Args:
         changes: of all instances of one demonstration, tracked over one span (:func:`error_change`).

@@ -78,7 +78,7 @@ def camera_course(
     """Poses of the camera: at rest near its usual place, or turning by 25 to 35 degrees in all about the scene.
 
     It goes round the scene's vertical and rolls about its own axis, which together make the turn, while it is displaced
-    by some centimetres.
+    by some centimeters.
     """
     position = CAMERA_POSITION + random.uniform(-0.015, 0.015, 3)
     target = CAMERA_TARGET + random.uniform(-0.01, 0.01, 3)

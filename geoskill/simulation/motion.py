@@ -11,20 +11,20 @@ from geoskill.geometry.poses import Pose, rotation_about, rotation_vector
 
 Course = Float64[np.ndarray, " frames"]
 
-# Shares of the recording: held at the start, carried, lowered, let go, drawn back.
+# Shares of the recording: held at the start, carried, penalized, let go, drawn back.
 HOLD, CARRY, LOWER, RELEASE = 0.05, 0.62, 0.18, 0.05
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Displacement:
     """Where the carried thing and the actor are on every frame.
 
     Attributes:
         led: poses of the carried thing.
         held: whether the actor still holds it.
         opening: of the fingers, from 0 to 1.
-        retreat: how far the actor has drawn back, in metres.
+        retreat: how far the actor has drawn back, in meters.
     """
 
     led: Float64[np.ndarray, "frames 4 4"]
@@ -41,8 +41,8 @@ class Way:
     Attributes:
         start: first pose of the carried thing.
         goal: last pose.
-        approach: from the goal to where the last straight stretch begins, metres.
-        height: how high the path rises over the higher of its ends, metres.
+        approach: from the goal to where the last straight stretch begins, meters.
+        height: how high the path rises over the higher of its ends, meters.
         detour: a place that the path passes halfway instead of the straight way, if any.
     """
 
@@ -53,7 +53,7 @@ class Way:
     detour: Float64[np.ndarray, "3"] | None = None
 
 
-def human_motion(way: Way, frames: int, confidence: float, random: np.random.Generator) -> Motion:
+def human_motion(way: Way, frames: int, confidence: float, random: np.random.Generator) -> Displacement:
     """A curved path at a smooth speed (minimum jerk), with the jitter of a hand.
 
     Args:
@@ -79,7 +79,7 @@ def human_motion(way: Way, frames: int, confidence: float, random: np.random.Gen
     return _with_release(led, frames)
 
 
-def robot_motion(way: Way, frames: int) -> Motion:
+def robot_motion(way: Way, frames: int) -> Displacement:
     """A path at a speed that rises, stays and falls, without jitter."""
     share = np.linspace(0, 1, max(2, round(CARRY * frames)))
     ramp = 0.25
@@ -122,9 +122,9 @@ def _path(
         + 3 * (1 - share) * share**2 * controls[2]
         + share**3 * controls[3]
     )
-    lowered = minimum_jerk(np.linspace(0, 1, max(2, round(LOWER * frames))))[:, None]
+    penalized = minimum_jerk(np.linspace(0, 1, max(2, round(LOWER * frames))))[:, None]
     held = np.repeat(first[None], round(HOLD * frames), axis=0)
-    places = np.concatenate([held, curve, above + lowered * (last - above)])[:frames]
+    places = np.concatenate([held, curve, above + penalized * (last - above)])[:frames]
     places = np.concatenate([places, np.repeat(last[None], frames - len(places), axis=0)])
     turn = rotation_vector(way.goal[:3, :3] @ way.start[:3, :3].T)
     turned = np.concatenate([np.zeros(len(held)), carried])[:frames]
@@ -136,11 +136,11 @@ def _path(
     return led
 
 
-def _with_release(led: Float64[np.ndarray, "frames 4 4"], frames: int) -> Motion:
+def _with_release(led: Float64[np.ndarray, "frames 4 4"], frames: int) -> Displacement:
     time = np.arange(frames) / frames
     opening = np.clip((time - HOLD - CARRY - LOWER) / RELEASE, 0, 1)
     back = np.clip((time - HOLD - CARRY - LOWER - RELEASE) / (1 - HOLD - CARRY - LOWER - RELEASE), 0, 1)
-    return Motion(led, opening == 0, opening, 0.10 * minimum_jerk(0.7 * back))
+    return Displacement(led, opening == 0, opening, 0.10 * minimum_jerk(0.7 * back))
 
 
 def _smooth(frames: int, width: int, random: np.random.Generator) -> Float64[np.ndarray, "frames width"]:

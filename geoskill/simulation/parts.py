@@ -1,6 +1,6 @@
 """What scenes are made of: materials and simple shapes in a MuJoCo specification.
 
-Nothing made here collides: things are led along their paths. Sizes are in metres, poses are those in the parent body.
+Nothing made here collides: things are led along their paths. Sizes are in meters, poses are those in the parent body.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from geoskill.geometry.poses import Pose, pose, quaternion
 
-Colour = Sequence[float]  # red, green, blue
+Color = Sequence[float]  # red, green, blue
 
 
 def textured(
@@ -20,7 +20,7 @@ def textured(
     image: UInt8[np.ndarray, "height width 3"],
     repeat: tuple[float, float] = (1.0, 1.0),
     *,
-    per_metre: bool = False,
+    per_meter: bool = False,
     shine: float = 0.1,
 ) -> str:
     """A material with a picture; returns its name.
@@ -30,14 +30,14 @@ def textured(
         name: of the material.
         image: RGB.
         repeat: how often the picture is repeated along x and y of the surface, which it covers once by default.
-        per_metre: whether ``repeat`` is meant per metre, not per surface.
+        per_meter: whether ``repeat`` is meant per meter, not per surface.
         shine: how much light the surface mirrors, from 0 to 1.
     """
     height, width = image.shape[:2]
     texture = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3)
     texture.data = np.ascontiguousarray(image).tobytes()
     material = spec.add_material(
-        name=name, texrepeat=list(repeat), texuniform=per_metre, specular=shine, shininess=0.3, rgba=[1, 1, 1, 1]
+        name=name, texrepeat=list(repeat), texuniform=per_meter, specular=shine, shininess=0.3, rgba=[1, 1, 1, 1]
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     return name
@@ -57,11 +57,11 @@ def place(model: mujoco.MjModel, data: mujoco.MjData, body: str, matrix: Pose) -
 
 
 def add_box(
-    body: mujoco.MjsBody, half: Sequence[float], matrix: Pose, material: str = "", colour: Colour = (1, 1, 1)
+    body: mujoco.MjsBody, half: Sequence[float], matrix: Pose, material: str = "", color: Color = (1, 1, 1)
 ) -> None:
     """A box with the given half sizes."""
     placing = {"size": half, "pos": matrix[:3, 3], "quat": quaternion(matrix[:3, :3])}
-    _add(body, mujoco.mjtGeom.mjGEOM_BOX, material, colour, **placing)
+    _add(body, mujoco.mjtGeom.mjGEOM_BOX, material, color, **placing)
 
 
 def add_capsule(
@@ -70,10 +70,10 @@ def add_capsule(
     end: Sequence[float],
     radius: float,
     material: str = "",
-    colour: Colour = (1, 1, 1),
+    color: Color = (1, 1, 1),
 ) -> None:
     """A cylinder with round ends, between two points."""
-    _add(body, mujoco.mjtGeom.mjGEOM_CAPSULE, material, colour, size=[radius, 0, 0], fromto=[*start, *end])
+    _add(body, mujoco.mjtGeom.mjGEOM_CAPSULE, material, color, size=[radius, 0, 0], fromto=[*start, *end])
 
 
 def add_cylinder(
@@ -82,14 +82,14 @@ def add_cylinder(
     end: Sequence[float],
     radius: float,
     material: str = "",
-    colour: Colour = (1, 1, 1),
+    color: Color = (1, 1, 1),
 ) -> None:
     """A cylinder with flat ends, between two points."""
-    _add(body, mujoco.mjtGeom.mjGEOM_CYLINDER, material, colour, size=[radius, 0, 0], fromto=[*start, *end])
+    _add(body, mujoco.mjtGeom.mjGEOM_CYLINDER, material, color, size=[radius, 0, 0], fromto=[*start, *end])
 
 
 def add_printed_box(
-    body: mujoco.MjsBody, half: Sequence[float], faces: dict[str, str], colour: Colour, matrix: Pose
+    body: mujoco.MjsBody, half: Sequence[float], faces: dict[str, str], color: Color, matrix: Pose
 ) -> None:
     """A box with pictures on some of its faces.
 
@@ -99,10 +99,10 @@ def add_printed_box(
         body: what it becomes a part of.
         half: half sizes.
         faces: materials by face: ``+z`` the upper one, ``+x``, ``-x``, ``+y``, ``-y``.
-        colour: of the other faces.
+        color: of the other faces.
         matrix: pose in the body.
     """
-    add_box(body, half, matrix, colour=colour)
+    add_box(body, half, matrix, color=color)
     x, y, z = half
     thin = 0.0004
     along_x, along_y, up = np.eye(3)
@@ -120,6 +120,6 @@ def add_printed_box(
         add_box(body, (wide, high, thin), matrix @ pose(axes[2] * out, rotation), material)
 
 
-def _add(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, colour: Colour, **placing: object) -> None:
-    rgba = [1, 1, 1, 1] if material else [*colour, 1.0]
+def _add(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, color: Color, **placing: object) -> None:
+    rgba = [1, 1, 1, 1] if material else [*color, 1.0]
     body.add_geom(type=kind, material=material, rgba=rgba, contype=0, conaffinity=0, **placing)

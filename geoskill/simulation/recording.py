@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int16, UInt8
 
 from geoskill.geometry.camera import PinholeCamera
-from geoskill.simulation.tasks.task import Role, RolePart
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import RolePart
 
 FRAME_RATE = 30.0
 DEPTH_UNIT_M = 1e-4
@@ -22,7 +23,7 @@ class Cloth:
 
     Attributes:
         name: of the part, as roles name it.
-        rest: where its vertices are in its own flat state, metres.
+        rest: where its vertices are in its own flat state, meters.
         triangles: numbers of vertices.
         vertices: where they are in the world, frame by frame.
     """
@@ -125,7 +126,7 @@ def unpack(arrays: Mapping[str, np.ndarray]) -> Recording:
         for name in ("pictures", "shown", "depths")
     }
     roles = tuple(
-        RolePart(str(body), Role(role), tuple(lower), tuple(upper))
+        RolePart(str(body), SceneRole(role), tuple(lower), tuple(upper))
         for body, role, (lower, upper) in zip(
             arrays["role_bodies"], arrays["roles"], arrays["role_bounds"].tolist(), strict=True
         )

@@ -16,12 +16,7 @@ from geoskill.simulation.actors.actor import Actor
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
 from geoskill.simulation.conditions import START_SPREAD, Conditions, camera_course, looking_aside
-from geoskill.simulation.motion import Motion, Way, human_motion, robot_motion
-from geoskill.simulation.parts import place
-from geoskill.simulation.randomness import generator
-from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, as_png
-from geoskill.simulation.sensor import compress, expose, exposure_course
-from geoskill.simulation.surroundings import (
+from geoskill.simulation.environment import (
     PASSER_BY,
     Passing,
     add_light,
@@ -30,7 +25,13 @@ from geoskill.simulation.surroundings import (
     lamp_course,
     passing_course,
 )
-from geoskill.simulation.tasks.task import Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.motion import Displacement, Way, human_motion, robot_motion
+from geoskill.simulation.parts import place
+from geoskill.simulation.randomness import generator
+from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, as_png
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.sensor import compress, expose, exposure_course
+from geoskill.simulation.tasks.task import RolePart, TablePlace, Task, TaskScene
 
 WIDTH, HEIGHT = 640, 480
 
@@ -43,7 +44,7 @@ class RecordingSettings:
     Attributes:
         task: what is done.
         conditions: who does it, and under what conditions.
-        seed: of everything by which the things are recognised: prints and colours.
+        seed: of everything by which the things are recognized: prints and colors.
         take: name of the recording; draws everything else, such as places, path and speed.
         stride: only every so many frames are rendered, and the last one; all of them move the things.
 
@@ -135,7 +136,7 @@ def _play(
     spec: mujoco.MjSpec,
     scene: TaskScene,
     actor: Actor,
-    motion: Motion,
+    motion: Displacement,
     camera: Float64[np.ndarray, "frames 4 4"],
     lens: PinholeCamera,
     courses: dict[str, Float64[np.ndarray, "frames 4 4"]],
@@ -175,7 +176,7 @@ def _play(
         np.stack(poses),
         lens,
         camera[rendered],
-        (*scene.roles, *(RolePart(name, Role.ACTOR) for name in _parts(model, ACTOR))),
+        (*scene.roles, *(RolePart(name, SceneRole.AGENT) for name in _parts(model, ACTOR))),
         None if scene.cloth is None else _cloth(model, scene.cloth, np.stack(vertices)),
     )
 

@@ -15,7 +15,7 @@ def expose(image: Image, exposure: float, random: np.random.Generator) -> Image:
     """Lens blur, exposure, and the noise of the sensor: a fixed part, and one that grows with the root of the light."""
     light = cv2.GaussianBlur(image, (0, 0), BLUR_PX).astype(np.float32) * np.float32(exposure)
     noise = random.standard_normal(image.shape, np.float32)
-    # Neighbouring sites share what the colour filter lets through.
+    # Neighboring sites share what the color filter lets through.
     noise = cv2.GaussianBlur(noise, (0, 0), 0.5) * np.float32(1.7)
     spread = np.sqrt(READ_NOISE**2 + SHOT_NOISE**2 * np.maximum(light, 0))
     return np.asarray(np.clip(light + spread * noise + 0.5, 0, 255), np.uint8)

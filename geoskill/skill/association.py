@@ -32,7 +32,7 @@ class Node:
             raise ValueError(f"a {self.node_type} has {len(self.coordinates)} coordinates; expected {expected}")
 
     @property
-    def centre(self) -> tuple[float, float]:
+    def center(self) -> tuple[float, float]:
         """The point itself, or the midpoint of the segment."""
         xy = np.reshape(self.coordinates, (-1, 2)).mean(axis=0)
         return float(xy[0]), float(xy[1])
@@ -54,7 +54,7 @@ def follow_nodes(nodes: Sequence[Node], follow: Follow) -> tuple[Node, ...] | No
     """Nodes where they lie in another frame, or None when one of them could not be followed there.
 
     They are no detected features there. A line's place along itself is uncertain
-    (:func:`geoskill.features.flow.follow_along`).
+    (:func:`geoskill.tracking.flow.track_dense`).
     """
     moved = list(nodes)
     for node_type in dict.fromkeys(node.node_type for node in nodes):
@@ -77,7 +77,7 @@ class Association:
         kernel: the kernel's name, such as ``p2p``.
         descriptor: the extractors of its nodes, such as ``sift`` or ``sift+lbd``.
         rank: 1 for the instance with the largest select-out of its kernel, or for the one that is kept from the frame
-            before (:class:`geoskill.skill.steady.SteadySkill`).
+            before (:class:`geoskill.skill.temporal_filter.TemporalFilter`).
         confidence: the probability that it is right, in [0, 1] (:mod:`geoskill.model.confidence`).
         weight: the select-out g, its share of the frame's selection; of all instances of a kernel they sum to 1.
         nodes: the features it joins.
@@ -137,7 +137,7 @@ class InferenceResult:
         return np.concatenate([np.zeros(0), *(each.error for each in self.associations if each.rank == 1)])
 
 
-def without_doubtful(result: InferenceResult, least: float) -> InferenceResult:
+def abstain_below(result: InferenceResult, least: float) -> InferenceResult:
     """What is selected of a frame when a member says nothing rather than what it is not sure of.
 
     Args:

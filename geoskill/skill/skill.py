@@ -16,8 +16,8 @@ from geoskill.graphs.motif_graph import motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
-from geoskill.skill.description import SkillParts, build
-from geoskill.skill.observation import Observation, ScoredInstances
+from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
+from geoskill.skill.spec import SkillComponents, build
 
 
 @final
@@ -28,7 +28,7 @@ class Skill:
         parts: members with trained weights, extractors, and how many associations per member are listed.
     """
 
-    def __init__(self, parts: SkillParts) -> None:
+    def __init__(self, parts: SkillComponents) -> None:
         self.members: Mapping[str, KernelModel] = parts.members
         self.pipelines: Mapping[str, FeaturePipeline] = parts.pipelines
         self.alternatives = parts.alternatives
@@ -107,7 +107,7 @@ class Skill:
     @torch.no_grad()
     def observe(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
-    ) -> Observation:
+    ) -> ScoredFrame:
         """The scores of all instances in one RGB frame; the arguments and errors are those of :meth:`infer`."""
         features = self.extract(frame) if features is None else features
         members = {}
@@ -116,7 +116,7 @@ class Skill:
             graph = graph.to(next(member.parameters()).device)
             scores = member(graph) if graph.instance_index.shape[1] else torch.zeros(0)
             members[name] = ScoredInstances(member, graph, scores, torch.softmax(scores, dim=0))
-        return Observation(features, members)
+        return ScoredFrame(features, members)
 
 
 def _use_precision(member: KernelModel, precision: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any, final
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 
-from geoskill.whole_files import replacing
+from geoskill.io.atomic import atomic_open
 
 
 @final
@@ -34,7 +34,7 @@ class MetricsTable(Callback):
         """Write the table."""
         if not trainer.is_global_zero or not self.rows:
             return
-        with replacing(self.path, newline="") as file:
+        with atomic_open(self.path, newline="") as file:
             writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
             writer.writeheader()
             writer.writerows(self.rows)

@@ -1,4 +1,4 @@
-"""Training as a Lightning module: maximise the objective of every member of the ensemble."""
+"""Training as a Lightning module: maximize the objective of every member of the ensemble."""
 
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -10,12 +10,12 @@ from lightning import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from geoskill.data.augmentation import noisy, sample_visible
 from geoskill.graphs.motif_graph import MotifGraph, with_instances
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
-from geoskill.training.changes import arrivals, error_changes
-from geoskill.training.noise import noisy, visible_features
+from geoskill.training.error_changes import error_changes, instance_goal_progress
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
 
@@ -24,7 +24,7 @@ Batch = Mapping[str, Mapping[str, MotifGraph]]
 class SkillTraining(LightningModule):
     """All members of a skill, each learning by itself.
 
-    The members share batches and optimiser, but no weights, and their gradients are clipped one by one: an ensemble
+    The members share batches and optimizer, but no weights, and their gradients are clipped one by one: an ensemble
     learns what its members would have learned alone.
 
     Everything random depends on the seed, the member and the step only, so a resumed training goes on exactly as it
@@ -32,12 +32,12 @@ class SkillTraining(LightningModule):
 
     Args:
         members: by name; their reward scale must be fitted (:func:`fit_reward_scale`), or come from a checkpoint.
-        objective: what is maximised.
-        optimizer: makes an optimiser from parameters.
+        objective: what is maximized.
+        optimizer: makes an optimizer from parameters.
         descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
             over the descriptor's norm.
-        feature_dropout: probability with which a feature is hidden in a step (:func:`visible_features`).
-        visible_features: of each frame and type that are expected to be visible in a step, at most; None for no limit.
+        feature_dropout: probability with which a feature is hidden in a step (:func:`sample_visible`).
+        max_visible_features: of each frame and type that are expected to be visible in a step, at most; None for no limit.
         seed: of the noise and of Monte-Carlo samples.
         description: plain values from which :class:`geoskill.Skill` builds the members again; stored in checkpoints.
     """
@@ -50,7 +50,7 @@ class SkillTraining(LightningModule):
         *,
         descriptor_noise: float,
         feature_dropout: float = 0.0,
-        visible_features: int | None = None,
+        max_visible_features: int | None = None,
         seed: int,
         description: Mapping[str, Any],
     ) -> None:
@@ -60,12 +60,12 @@ class SkillTraining(LightningModule):
         self.optimizer = optimizer
         self.descriptor_noise = descriptor_noise
         self.feature_dropout = feature_dropout
-        self.visible_features = visible_features
+        self.max_visible_features = max_visible_features
         self.seed = seed
         self.description = dict(description)
 
     def configure_optimizers(self) -> Optimizer:
-        """One optimiser over all members; Adam treats every weight by itself, so members do not mix."""
+        """One optimizer over all members; Adam treats every weight by itself, so members do not mix."""
         return self.optimizer(self.parameters())
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
@@ -108,14 +108,16 @@ class SkillTraining(LightningModule):
         if self.descriptor_noise > 0:
             descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
         visible = None
-        if self.feature_dropout > 0 or self.visible_features is not None:
-            visible = visible_features(graph, member.node_types, self.feature_dropout, self.visible_features, generator)
+        if self.feature_dropout > 0 or self.max_visible_features is not None:
+            visible = sample_visible(
+                graph, member.node_types, self.feature_dropout, self.max_visible_features, generator
+            )
         graph = with_instances(member.kernel, graph, visible)
         scores, batch, num_frames = member(graph, descriptors), graph.instance_frame, int(graph.num_graphs)
         change = error_changes(member, graph, self.objective.change)
         goal: dict[str, Tensor] = {}
         if self.objective.goal_weight > 0:
-            goal = {"arrivals": arrivals(member, graph), "scores": scores}
+            goal = {"goal_progress": instance_goal_progress(member, graph), "scores": scores}
         return FrameSelection(
             select_out(scores, batch, num_frames),
             member.control_errors(graph),

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from geoskill.viz.curves import COLOURS, read_training, save_figure
+from geoskill.viz.curves import COLORS, read_training, save_figure
 
 
 def plot_bars(
@@ -18,7 +18,7 @@ def plot_bars(
     """Mean top-1 accuracy per row and test, with a dot for every seed and a line where a value was published.
 
     Args:
-        tests: their names, each of a colour.
+        tests: their names, each of a color.
         rows: for each row, the percentages of its seeds in every test.
         published: percent by row and test; rows that are only published get bars of their own.
         picture_path: the PNG to write.
@@ -33,7 +33,7 @@ def plot_bars(
             at = place * pitch + number
             label = test.replace("_", " ") if place == 0 else None
             width = float(np.mean(seeds)) if len(seeds) else 0.0
-            axes.barh(at, width, 0.85, color=COLOURS[number % len(COLOURS)], alpha=0.6, label=label)
+            axes.barh(at, width, 0.85, color=COLORS[number % len(COLORS)], alpha=0.6, label=label)
             if row in rows:
                 axes.plot(seeds, [at] * len(seeds), "o", color="black", markersize=3)
                 known = published.get(row, {}).get(test)
@@ -62,9 +62,9 @@ def plot_reliability(rows: Mapping[str, Sequence[tuple[int, float, float]]], pic
     axes.plot([0, 1], [0, 1], color="0.6", linewidth=1)
     for number, (row, bins) in enumerate(rows.items()):
         frames, confidence, accuracy = np.array([each for each in bins if each[0]]).reshape(-1, 3).T
-        colour = COLOURS[number % len(COLOURS)]
-        axes.plot(confidence, accuracy, color=colour, linewidth=1, label=row)
-        axes.scatter(confidence, accuracy, 8 + 250 * frames / max(1, frames.sum()), color=colour)
+        color = COLORS[number % len(COLORS)]
+        axes.plot(confidence, accuracy, color=color, linewidth=1, label=row)
+        axes.scatter(confidence, accuracy, 8 + 250 * frames / max(1, frames.sum()), color=color)
     axes.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), xlabel="confidence", ylabel="share of right associations")
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside upper center", ncols=2, frameon=False)
@@ -80,7 +80,7 @@ def plot_trainings(tables: Mapping[str, Sequence[Path]], picture_path: Path) -> 
     """
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     panels = figure.subplots(1, 2)
-    for colour, (row, paths) in zip(COLOURS, tables.items(), strict=False):
+    for color, (row, paths) in zip(COLORS, tables.items(), strict=False):
         for axes, quantity, factor in zip(panels, ("objective", "rsw"), (1.0, 100.0), strict=True):
             curves = [next(iter(read_training(path)[quantity].values())) for path in paths]
             shortest = min(len(steps) for steps, _ in curves)
@@ -89,8 +89,8 @@ def plot_trainings(tables: Mapping[str, Sequence[Path]], picture_path: Path) -> 
             width = max(1, shortest // 40)
             blocks = values[:, : shortest // width * width].reshape(len(values), -1, width).mean(axis=2)
             steps = (np.arange(blocks.shape[1]) + 0.5) * width
-            axes.plot(steps, blocks.mean(axis=0), color=colour, label=row if quantity == "rsw" else None)
-            axes.fill_between(steps, blocks.min(axis=0), blocks.max(axis=0), color=colour, alpha=0.2, linewidth=0)
+            axes.plot(steps, blocks.mean(axis=0), color=color, label=row if quantity == "rsw" else None)
+            axes.fill_between(steps, blocks.min(axis=0), blocks.max(axis=0), color=color, alpha=0.2, linewidth=0)
     for axes, label in zip(panels, ("objective", "RSW [%]"), strict=True):
         axes.set_xlabel("step")
         axes.set_ylabel(label)

@@ -16,13 +16,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from geoskill.errors import InputError
-from geoskill.whole_files import complete
+from geoskill.io.atomic import atomic_path
 
 Curve: TypeAlias = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 """Steps or frames, and a value at each; NaN leaves a gap."""
 
-# Okabe and Ito's colours, which colour-blind eyes tell apart, without their yellow, which is too pale for a line.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# Okabe and Ito's colors, which color-blind eyes tell apart, without their yellow, which is too pale for a line.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 LINE_STYLES = ("-", "--", ":", "-.")
 
 
@@ -152,8 +152,8 @@ def _draw_curves(axes: Axes, curves: Mapping[str, Curve], members: Sequence[str]
             x,
             y,
             label=member,
-            color=COLOURS[place % len(COLOURS)],
-            linestyle=LINE_STYLES[place // len(COLOURS) % len(LINE_STYLES)],
+            color=COLORS[place % len(COLORS)],
+            linestyle=LINE_STYLES[place // len(COLORS) % len(LINE_STYLES)],
             linewidth=1.4,
             # A point between two gaps, or the only one, has no line.
             marker=".",
@@ -186,5 +186,5 @@ def _number(text: str | None, place: str) -> float:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a PNG, which takes its place only when it is complete."""
-    with complete(path) as temporary:
+    with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png")

@@ -1,7 +1,7 @@
 """One frame with what a skill says about it, in the manner of the paper's Fig. 8.
 
-On the picture: every feature, and the selected associations as coloured lines, the top one of each kernel red. Beside
-it: a panel with a block for each kernel: the control error of its top association and, in the colours of the lines, the
+On the picture: every feature, and the selected associations as colored lines, the top one of each kernel red. Beside
+it: a panel with a block for each kernel: the control error of its top association and, in the colors of the lines, the
 confidence of each association shown.
 """
 
@@ -18,11 +18,11 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, Node
 
-Colour = tuple[int, int, int]
+Color = tuple[int, int, int]
 
-TOP_COLOUR: Colour = (230, 20, 30)
-# Told apart on dark, on bright and by colour-blind eyes as far as nine colours can be; ranks beyond start over.
-OTHER_COLOURS: tuple[Colour, ...] = (
+TOP_COLOR: Color = (230, 20, 30)
+# Told apart on dark, on bright and by color-blind eyes as far as nine colors can be; ranks beyond start over.
+OTHER_COLORS: tuple[Color, ...] = (
     (0, 130, 245),
     (245, 150, 0),
     (0, 165, 95),
@@ -35,14 +35,14 @@ OTHER_COLOURS: tuple[Colour, ...] = (
 )
 MINIMUM_SHORTER_SIDE_PX = 480
 
-_FEATURE: Colour = (255, 235, 120)
-_FEATURE_CASING: Colour = (45, 45, 50)
-_CASING: Colour = (15, 15, 20)
-_INK: Colour = (25, 25, 30)
-_FAINT_INK: Colour = (110, 110, 118)
-_WARNING_INK: Colour = (160, 80, 0)
-_PAPER: Colour = (255, 255, 255)
-_TRACK: Colour = (232, 232, 236)
+_FEATURE: Color = (255, 235, 120)
+_FEATURE_CASING: Color = (45, 45, 50)
+_CASING: Color = (15, 15, 20)
+_INK: Color = (25, 25, 30)
+_FAINT_INK: Color = (110, 110, 118)
+_WARNING_INK: Color = (160, 80, 0)
+_PAPER: Color = (255, 255, 255)
+_TRACK: Color = (232, 232, 236)
 _SAMPLE = "p2p sift: 1 feature"  # letters of average width
 _SUBPIXEL_BITS = 4
 # Heights in the panel, for a shorter side of 480 pixels: a block's heading with its error, and a bar.
@@ -99,9 +99,9 @@ def draw_overlay(
     return np.concatenate([canvas, panel], axis=1)
 
 
-def rank_colour(rank: int) -> Colour:
-    """The colour of an association of this rank, RGB; 1 is red and no other is."""
-    return TOP_COLOUR if rank <= 1 else OTHER_COLOURS[(rank - 2) % len(OTHER_COLOURS)]
+def rank_color(rank: int) -> Color:
+    """The color of an association of this rank, RGB; 1 is red and no other is."""
+    return TOP_COLOR if rank <= 1 else OTHER_COLORS[(rank - 2) % len(OTHER_COLORS)]
 
 
 @final
@@ -143,50 +143,50 @@ def _shown(member: Sequence[Association], minimum_weight: float) -> list[Associa
 def _polyline(
     canvas: UInt8[np.ndarray, "h w 3"],
     xy: Float[np.ndarray, "p 2"],
-    colour: Colour,
+    color: Color,
     thickness: int,
     closed: bool = False,
 ) -> None:
     fixed_point = np.round(xy * 2**_SUBPIXEL_BITS).astype(np.int32)
-    cv2.polylines(canvas, [fixed_point], closed, colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+    cv2.polylines(canvas, [fixed_point], closed, color, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
 def _disc(
-    canvas: UInt8[np.ndarray, "h w 3"], xy: Float[np.ndarray, " 2"], radius: float, colour: Colour, thickness: int = -1
+    canvas: UInt8[np.ndarray, "h w 3"], xy: Float[np.ndarray, " 2"], radius: float, color: Color, thickness: int = -1
 ) -> None:
     one = 2**_SUBPIXEL_BITS
-    centre = (round(float(xy[0]) * one), round(float(xy[1]) * one))
-    cv2.circle(canvas, centre, round(radius * one), colour, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+    center = (round(float(xy[0]) * one), round(float(xy[1]) * one))
+    cv2.circle(canvas, center, round(radius * one), color, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
 def _draw_feature(
     canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, node_type: NodeType, xy: Float[np.ndarray, "p 2"]
 ) -> None:
     # The dark casing keeps a pale mark legible on a pale ground.
-    for colour, width in ((_FEATURE_CASING, 2 * scale.px(1)), (_FEATURE, scale.px(1))):
+    for color, width in ((_FEATURE_CASING, 2 * scale.px(1)), (_FEATURE, scale.px(1))):
         if node_type is NodeType.POINT:
-            _disc(canvas, scale.enlarged(xy)[0], 2.6 * scale.unit, colour, width)
+            _disc(canvas, scale.enlarged(xy)[0], 2.6 * scale.unit, color, width)
         else:
-            _polyline(canvas, scale.enlarged(xy), colour, width)
+            _polyline(canvas, scale.enlarged(xy), color, width)
 
 
 def _draw_association(canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, association: Association) -> None:
-    colour = rank_colour(association.rank)
+    color = rank_color(association.rank)
     width = scale.px(3 if association.rank == 1 else 2)
     casing = width + 2 * scale.px(1)
-    centres = scale.enlarged(np.array([node.centre for node in association.nodes]))
-    if len(centres) > 2:
+    centers = scale.enlarged(np.array([node.center for node in association.nodes]))
+    if len(centers) > 2:
         # Around their centroid, so that the ring does not cross itself.
-        offset = centres - centres.mean(axis=0)
-        centres = centres[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]), kind="stable")]
-    closed = len(centres) > 2
-    for pen, link_width, node_width in ((_CASING, casing, casing + scale.px(1)), (colour, width, width + scale.px(1))):
-        _polyline(canvas, centres, pen, link_width, closed)
+        offset = centers - centers.mean(axis=0)
+        centers = centers[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]), kind="stable")]
+    closed = len(centers) > 2
+    for pen, link_width, node_width in ((_CASING, casing, casing + scale.px(1)), (color, width, width + scale.px(1))):
+        _polyline(canvas, centers, pen, link_width, closed)
         for node in association.nodes:
             _draw_node(canvas, scale, node, pen, node_width)
 
 
-def _draw_node(canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, node: Node, pen: Colour, width: int) -> None:
+def _draw_node(canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, node: Node, pen: Color, width: int) -> None:
     xy = scale.enlarged(np.reshape(np.asarray(node.coordinates, np.float64), (-1, 2)))
     if node.node_type is NodeType.POINT:
         _disc(canvas, xy[0], width / 2 + 2.5 * scale.unit, pen)
@@ -198,12 +198,12 @@ def _draw_node(canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, node: Node, pe
 def _draw_tag(canvas: UInt8[np.ndarray, "h w 3"], scale: _Scale, association: Association, tag: str) -> None:
     size = 0.4 * scale.unit
     width, height = _print_size(tag, size)
-    centre = scale.enlarged(np.array([node.centre for node in association.nodes])).mean(axis=0)
+    center = scale.enlarged(np.array([node.center for node in association.nodes])).mean(axis=0)
     pad = scale.px(3)
-    left = int(np.clip(round(centre[0] - width / 2), pad, max(pad, canvas.shape[1] - width - pad)))
-    top = int(np.clip(round(centre[1] - height / 2), pad, max(pad, canvas.shape[0] - height - pad)))
+    left = int(np.clip(round(center[0] - width / 2), pad, max(pad, canvas.shape[1] - width - pad)))
+    top = int(np.clip(round(center[1] - height / 2), pad, max(pad, canvas.shape[0] - height - pad)))
     corners = (left - pad, top - pad), (left + width + pad, top + height + pad)
-    cv2.rectangle(canvas, *corners, rank_colour(association.rank), -1)
+    cv2.rectangle(canvas, *corners, rank_color(association.rank), -1)
     cv2.rectangle(canvas, *corners, _CASING, scale.px(1))
     _print(canvas, tag, (left, top + height), size, _PAPER)
 
@@ -280,11 +280,11 @@ def _draw_block(block: UInt8[np.ndarray, "h w 3"], scale: _Scale, heading: str, 
     bars = shown if len(shown) <= capacity else shown[: max(1, capacity - 1)]
     left, right = scale.px(22), width - scale.px(50)
     for association in bars:
-        colour, middle, half = rank_colour(association.rank), y + row // 2, scale.px(5)
-        _print(block, str(association.rank), (scale.px(2), middle + half), size, colour)
+        color, middle, half = rank_color(association.rank), y + row // 2, scale.px(5)
+        _print(block, str(association.rank), (scale.px(2), middle + half), size, color)
         end = left + round((right - left) * float(np.clip(association.confidence, 0.0, 1.0)))
         cv2.rectangle(block, (left, middle - half), (right, middle + half), _TRACK, -1)
-        cv2.rectangle(block, (left, middle - half), (end, middle + half), colour, -1)
+        cv2.rectangle(block, (left, middle - half), (end, middle + half), color, -1)
         percent = f"{100 * association.confidence:.1f}%"
         _print(block, percent, (width - _print_size(percent, size)[0], middle + half), size, _INK)
         y += row
@@ -309,7 +309,7 @@ def _cut(text: str, width: int, size: float) -> str:
     return text + "..."
 
 
-def _print(canvas: UInt8[np.ndarray, "h w 3"], text: str, origin: tuple[int, int], size: float, colour: Colour) -> None:
+def _print(canvas: UInt8[np.ndarray, "h w 3"], text: str, origin: tuple[int, int], size: float, color: Color) -> None:
     """Prints from the left end of the baseline; OpenCV's print is anti-aliased and knows ASCII in all its versions."""
     ascii_text = text.encode("ascii", "replace").decode()
-    cv2.putText(canvas, ascii_text, origin, _FONT, size, colour, max(1, round(size)), cv2.LINE_AA)
+    cv2.putText(canvas, ascii_text, origin, _FONT, size, color, max(1, round(size)), cv2.LINE_AA)

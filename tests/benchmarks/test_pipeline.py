@@ -16,9 +16,9 @@ import torch
 from geoskill.benchmarks.measurement import Figures
 from geoskill.benchmarks.rates import relative_rate
 from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
-from geoskill.features.video import ImageFolder
-from geoskill.skill.description import build
+from geoskill.io.video import ImageFolder
 from geoskill.skill.skill import Skill
+from geoskill.skill.spec import build
 
 WAYS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
 
@@ -57,9 +57,9 @@ def test_pytorch_waits_for_the_setting_of_its_threads() -> None:
     """It reads it once, when it is imported."""
     program = (
         "import os, sys\n"
-        "import geoskill.apps.infer, geoskill.benchmarks.pipeline\n"
+        "import geoskill.cli.infer, geoskill.benchmarks.pipeline\n"
         "assert 'torch' not in sys.modules\n"
-        "from geoskill.apps.command import let_idle_threads_sleep\n"
+        "from geoskill.cli.command import let_idle_threads_sleep\n"
         "let_idle_threads_sleep()\n"
         "assert os.environ['OMP_WAIT_POLICY'] == os.environ.get('WANTED', 'PASSIVE')\n"
     )
@@ -110,7 +110,7 @@ def test_every_way_goes_through_all_frames_with_the_same_skill(
 def test_the_skill_remembers_the_video(stages: Stages) -> None:
     known = {row.tobytes() for found in stages.features for row in found["sift"].descriptors}
     for member in stages.skill.members.values():
-        prototypes = member.scorer.direct.get_buffer("point_prototypes")
+        prototypes = member.scorer.prototype_score.get_buffer("point_prototypes")
         assert {row.numpy().tobytes() for row in prototypes} <= known
         assert not torch.equal(prototypes[0], prototypes[1])
     assert all(one is not other for one, other in pairwise(stages.frames))
@@ -145,8 +145,8 @@ def test_bad_input(
 ) -> None:
     from hydra.core.global_hydra import GlobalHydra
 
-    from geoskill.apps.command import run_command
     from geoskill.benchmarks.pipeline import measure
+    from geoskill.cli.command import run_command
 
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     monkeypatch.setenv("OMP_WAIT_POLICY", "PASSIVE")

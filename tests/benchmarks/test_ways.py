@@ -7,10 +7,10 @@ import torch
 from torch.nn.functional import normalize
 from torch.utils.flop_counter import FlopCounterMode
 
-from geoskill.apps.command import configuration_folder
 from geoskill.benchmarks.cases import Case, precisions_of, prepare
 from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
 from geoskill.benchmarks.products import needed_products
+from geoskill.cli.command import configuration_folder
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.l2l import LineToLine
@@ -42,7 +42,7 @@ def test_the_plain_network_gives_the_same_scores_and_gradients(
 ) -> None:
     scorer = network(kernel, read_out, prototypes).double()
     known = {kind: normalize(torch.randn(7, DIMS[kind], dtype=torch.float64)) for kind in kernel.roles}
-    scorer.remember(known)
+    scorer.fit_prototypes(known)
     index = kernel.instances(dict.fromkeys(kernel.roles, 7))
     batch = batch_of_instances(scorer, known, index)
     assert batch.num_graphs == index.shape[1]

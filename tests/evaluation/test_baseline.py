@@ -7,9 +7,10 @@ from geoskill.evaluation.baseline import PAIRS, track_hand_picked_pairs
 from geoskill.geometry.camera import PinholeCamera
 from geoskill.geometry.poses import pose
 from geoskill.simulation.recording import Recording, as_png
-from geoskill.simulation.tasks.task import Role, RolePart
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import RolePart
 
-# Seen from 1 m above, a pixel is a millimetre wide. The box slides 4 px a frame towards the tile, which is at rest.
+# Seen from 1 m above, a pixel is a millimeter wide. The box slides 4 px a frame toward the tile, which is at rest.
 WIDTH, HEIGHT, FOCAL = 241, 121, 1000.0
 SIDE, ROW, STEP, FRAMES = 48, 36, 4, 20
 BODIES = ["world", "box", "tile"]
@@ -45,7 +46,7 @@ def recording(prints: tuple[np.ndarray, np.ndarray], blank: int | None = None, j
         poses=np.array(poses),
         lens=PinholeCamera(WIDTH, HEIGHT, FOCAL, np.eye(4)),
         camera=np.repeat(above[None], FRAMES, axis=0),
-        roles=(RolePart("box", Role.OBJECT), RolePart("tile", Role.TARGET)),
+        roles=(RolePart("box", SceneRole.OBJECT), RolePart("tile", SceneRole.TARGET)),
     )
 
 

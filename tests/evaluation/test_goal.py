@@ -103,7 +103,7 @@ def test_an_angle_is_no_length_and_a_video_has_no_goal(labels: SimulatedFrame) -
 class Pair(FrameLabels):
     """Everything left of column 50 is on the object, the rest on the target; the goal is 100 px to the right of it.
 
-    A pixel is a millimetre wide.
+    A pixel is a millimeter wide.
     """
 
     def label(

@@ -15,8 +15,8 @@ from geoskill.evaluation.metrics import (
     is_feasible,
     joins_object_and_target,
     judge_frame,
-    summarise,
-    summarise_ensemble,
+    summarize,
+    summarize_ensemble,
 )
 from geoskill.evaluation.regions import FrameRegions
 from geoskill.evaluation.switches import SwitchCount
@@ -218,7 +218,7 @@ def test_figures_over_four_frames() -> None:
         FrameVerdict(2, True, False, False, True, 0.4, 0.3, 5.0, GoalVerdict(None, False)),
         FrameVerdict(3, False, True, False, False, 0.0, 1.0),
     ]
-    figures = summarise(verdicts, SwitchCount(switches=1, comparable=2))
+    figures = summarize(verdicts, SwitchCount(switches=1, comparable=2))
     assert figures == {
         "frames": 4,
         "feasible_frames": 3,
@@ -250,18 +250,18 @@ def test_figures_over_four_frames() -> None:
 
 
 def test_figures_without_anything_to_average_are_null_in_json() -> None:
-    figures = summarise([FrameVerdict(0, True, False, False, False, 0.5, 0.0)], SwitchCount(0, 0))
+    figures = summarize([FrameVerdict(0, True, False, False, False, 0.5, 0.0)], SwitchCount(0, 0))
     assert figures["top1_accuracy"] is None
     assert figures["switches_per_frame"] is None
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
-    assert summarise([], SwitchCount(0, 0))["mean_confidence"] is None
+    assert summarize([], SwitchCount(0, 0))["mean_confidence"] is None
 
 
 def test_an_ensemble_averages_rates_over_members_that_have_one_and_keeps_the_first_ones_counts() -> None:
-    right = summarise([FrameVerdict(0, True, True, True, False, 0.8, 0.0)], SwitchCount(0, 1))
-    wrong = summarise([FrameVerdict(0, True, True, False, True, 0.2, 0.5)], SwitchCount(1, 1))
-    infeasible = summarise([FrameVerdict(0, True, False, False, False, 0.5, 0.1)], SwitchCount(0, 0))
-    figures = summarise_ensemble({"a": right, "b": wrong, "c": infeasible})
+    right = summarize([FrameVerdict(0, True, True, True, False, 0.8, 0.0)], SwitchCount(0, 1))
+    wrong = summarize([FrameVerdict(0, True, True, False, True, 0.2, 0.5)], SwitchCount(1, 1))
+    infeasible = summarize([FrameVerdict(0, True, False, False, False, 0.5, 0.1)], SwitchCount(0, 0))
+    figures = summarize_ensemble({"a": right, "b": wrong, "c": infeasible})
     assert figures["top1_accuracy"] == 0.5
     assert figures["switches_per_frame"] == 0.5
     assert figures["hand_rate"] == pytest.approx(1 / 3)

@@ -1,4 +1,4 @@
-"""Reading labels, moving them between labelled frames, and which region a point belongs to."""
+"""Reading labels, moving them between labeled frames, and which region a point belongs to."""
 
 import json
 import math
@@ -98,7 +98,7 @@ def test_a_region_out_of_view_holds_nothing() -> None:
     assert scene.label((0.0, 0.0)) is None
 
 
-def test_regions_move_linearly_between_labelled_frames(tmp_path: Path) -> None:
+def test_regions_move_linearly_between_labeled_frames(tmp_path: Path) -> None:
     moved = [[40, 4], [50, 4], [50, 14], [40, 14]]
     # In an order that is neither that of the numbers nor that of their text.
     path = write(tmp_path, labels({"10": frame(object=moved), "2": frame()}))
@@ -113,7 +113,7 @@ def test_regions_move_linearly_between_labelled_frames(tmp_path: Path) -> None:
     assert halfway.polygons[Region.HAND].shape == (0, 2)
 
 
-def test_labelled_frames_are_kept_as_they_are(tmp_path: Path) -> None:
+def test_labeled_frames_are_kept_as_they_are(tmp_path: Path) -> None:
     regions = load_regions(write(tmp_path, labels({"2": frame(), "4": frame(object=TRIANGLE)})))
     for number, expected in ((2, SQUARE), (4, TRIANGLE)):
         at = regions.at(number)
@@ -167,7 +167,7 @@ def test_some_frame_to_be_judged_must_be_covered(tmp_path: Path) -> None:
         ('{"frames": {}, "frames": {}}', "'frames' occurs more than once"),
         ({"frames": {"0": frame()}}, "'image_size' is missing"),
         ({"image_size": [64, 48]}, "'frames' is missing"),
-        (labels({}), "frames is empty; expected at least one labelled frame"),
+        (labels({}), "frames is empty; expected at least one labeled frame"),
         (labels([frame()]), "frames is .*; expected an object"),
         (labels({"0": frame()}, [64]), r"image_size is \[64\]; expected \[width, height\]"),
         (labels({"0": frame()}, [64, 0]), r"image_size is \[64, 0\]"),
@@ -210,10 +210,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         load_regions(picture)
 
 
-@pytest.mark.parametrize(("sequence", "frames", "labelled"), [("human1", 205, 42), ("robot1", 315, 64)])
-def test_the_real_labels_fit_their_sequences(blocks: Path, sequence: str, frames: int, labelled: int) -> None:
+@pytest.mark.parametrize(("sequence", "frames", "labeled"), [("human1", 205, 42), ("robot1", 315, 64)])
+def test_the_real_labels_fit_their_sequences(blocks: Path, sequence: str, frames: int, labeled: int) -> None:
     regions = load_regions(blocks / f"{sequence}.regions.json", (240, 240), frames)
-    assert len(regions.labelled) == labelled
+    assert len(regions.labeled) == labeled
     assert (regions.first_frame, regions.last_frame) == (0, frames - 1)
     assert all(regions.at(number) is not None for number in range(frames))
     with pytest.raises(InputError, match="beyond the video"):
@@ -234,6 +234,6 @@ def test_known_places_on_the_real_demonstration(blocks: Path) -> None:
     # The cube is carried to the target: its lower edge comes down on the target's upper one.
     end = regions.at(204)
     assert end is not None
-    centres = [at.polygons[Region.OBJECT].mean(axis=0) for at in (start, end)]
+    centers = [at.polygons[Region.OBJECT].mean(axis=0) for at in (start, end)]
     target = end.polygons[Region.TARGET].mean(axis=0)
-    assert np.linalg.norm(centres[1] - target) < 0.7 * np.linalg.norm(centres[0] - target)
+    assert np.linalg.norm(centers[1] - target) < 0.7 * np.linalg.norm(centers[0] - target)

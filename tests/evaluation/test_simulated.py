@@ -8,7 +8,8 @@ import pytest
 from geoskill.evaluation.labels import TOLERANCE_PX, Region
 from geoskill.evaluation.simulated import SimulatedFrame, SimulatedLabels
 from geoskill.simulation.recording import Recording
-from geoskill.simulation.tasks.task import INFINITE, Role, RolePart
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import INFINITE, RolePart
 
 OBJECT, TARGET, HAND = Region
 
@@ -93,8 +94,8 @@ def test_where_points_are_at_the_goal(hand_made_recording: Recording) -> None:
 def test_a_part_of_a_body_has_a_role(hand_made_recording: Recording) -> None:
     # The right part of the box, from its middle column on, is the object; then what is within 1 cm the target.
     parts = (
-        RolePart("box", Role.OBJECT, lower=(-0.001, -INFINITE, -INFINITE)),
-        RolePart("box", Role.TARGET, (-0.011, -0.011, -INFINITE), (0.011, 0.011, INFINITE)),
+        RolePart("box", SceneRole.OBJECT, lower=(-0.001, -INFINITE, -INFINITE)),
+        RolePart("box", SceneRole.TARGET, (-0.011, -0.011, -INFINITE), (0.011, 0.011, INFINITE)),
     )
     frame = SimulatedFrame(replace(hand_made_recording, roles=parts), 0)
     row = [label(frame, column, 15, 0) for column in range(9, 16)]

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from geoskill.evaluation.switches import SwitchCount, SwitchCounter
-from geoskill.features.flow import follow_features
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.skill.association import Association, Node, follow_nodes
-from geoskill.skill.sameness import is_same_association, is_same_feature
+from geoskill.skill.matching import is_same_association, is_same_feature
+from geoskill.tracking.flow import track_between
 
 
 def texture(seed: int = 0) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_order_matters_only_where_the_motif_tells_nodes_apart() -> None:
 
 def test_nodes_of_both_types_move_with_the_picture_and_keep_their_places() -> None:
     nodes = (point(60, 50), line(40, 70, 100, 70), point(90, 40))
-    moved = follow_nodes(nodes, partial(follow_features, start=PICTURE, end=shifted(4, 2)))
+    moved = follow_nodes(nodes, partial(track_between, start=PICTURE, end=shifted(4, 2)))
     assert moved is not None
     expected = [(64, 52), (44, 72, 104, 72), (94, 42)]
     assert [node.node_type for node in moved] == [node.node_type for node in nodes]
@@ -107,7 +107,7 @@ def test_nodes_of_both_types_move_with_the_picture_and_keep_their_places() -> No
 
 def test_one_lost_node_loses_the_association() -> None:
     right = cv2.warpAffine(PICTURE, np.float32([[1, 0, 8], [0, 1, 0]]), (160, 120), borderMode=cv2.BORDER_REFLECT)
-    follow = partial(follow_features, start=PICTURE, end=right)
+    follow = partial(track_between, start=PICTURE, end=right)
     assert follow_nodes((point(40, 50), point(120, 50)), follow) is not None
     assert follow_nodes((point(40, 50), point(156, 50)), follow) is None, "it has left the picture"
 
@@ -153,7 +153,7 @@ def test_frames_without_association_break_the_chain() -> None:
 def test_nodes_are_followed_through_frames_that_are_not_judged() -> None:
     # 6 px a frame for 8 frames: the chain arrives where the single step of 48 px is lost.
     start, end = (point(50, 40), point(70, 70)), (point(98, 40), point(118, 70))
-    assert follow_nodes(start, partial(follow_features, start=shifted(0, 0), end=shifted(48, 0))) is None
+    assert follow_nodes(start, partial(track_between, start=shifted(0, 0), end=shifted(48, 0))) is None
     counter = SwitchCounter(PointToPoint())
     counter.advance(shifted(0, 0))
     assert counter.judge(association(*start)) is None

@@ -52,10 +52,10 @@ def test_published_figures_stand_beside_the_row_of_their_name_or_in_one_of_their
 def test_details_average_what_is_known() -> None:
     scores = seeds(0.9, 0.5)
     scores[0]["here"]["strict_accuracy"] = 0.2
-    scores[1]["here"]["attainable_strict_accuracy"] = 0.4
+    scores[1]["here"]["oracle_strict_accuracy"] = 0.4
     scores[0]["here"]["goal_error_mm"], scores[1]["here"]["goal_error_mm"] = 4.0, 5.0
     head, _, row, all_frames = details({"default": scores}, ["here"]).splitlines()
-    assert head.startswith("| | test | top-1 | strict | attainable | error at the goal [mm] | attainable [mm] | precis")
+    assert head.startswith("| | test | top-1 | strict | oracle | error at the goal [mm] | oracle [mm] | precis")
     assert row == "| default | here | 0.700 | 0.200 | 0.400 | 4.5 | | | 0.250 | | | 80 of 82 | |"
     # (0.05 + 0.1) / 2
     assert all_frames == "| default | all | | | | | | | | | | | 0.075 |"

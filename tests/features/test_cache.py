@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import geoskill
-from geoskill.array_store import ArrayStore
 from geoskill.features import cache as cache_module
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
+from geoskill.io.disk_cache import DiskCache
 
 
 def frame_of(seed: int, height: int = 4, width: int = 6) -> np.ndarray:
@@ -63,7 +63,7 @@ def is_stored(folder: Path, seed: int) -> bool:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "utime", lambda path: None)
         try:
-            FeatureCache(ArrayStore(folder)).get_or_compute(frame_of(seed), "sift", compute)
+            FeatureCache(DiskCache(folder)).get_or_compute(frame_of(seed), "sift", compute)
         except KeyboardInterrupt:
             assert not hit
     return hit
@@ -74,19 +74,19 @@ def is_stored(folder: Path, seed: int) -> bool:
 def test_a_hit_returns_equal_features_without_computing(tmp_path: Path, node_type: NodeType, count: int) -> None:
     expected = features_of(0, node_type, count)
     assert_equal(
-        FeatureCache(ArrayStore(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", lambda: expected),
+        FeatureCache(DiskCache(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", lambda: expected),
         expected,
     )
     # As in a later run: another object.
     assert_equal(
-        FeatureCache(ArrayStore(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", never), expected
+        FeatureCache(DiskCache(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", never), expected
     )
 
 
 def test_other_content_other_settings_or_another_format_is_a_miss(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     frame = frame_of(0)
     cache.get_or_compute(frame, "sift", lambda: features_of(0))
     one_level_brighter = frame.copy()
@@ -106,7 +106,7 @@ def test_other_content_other_settings_or_another_format_is_a_miss(
 
 
 def test_a_frame_that_is_a_view_is_known_by_its_content(tmp_path: Path) -> None:
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     wide = np.repeat(frame_of(0), 2, axis=1)
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert_equal(cache.get_or_compute(wide[:, ::2], "sift", never), features_of(0))
@@ -115,7 +115,7 @@ def test_a_frame_that_is_a_view_is_known_by_its_content(tmp_path: Path) -> None:
 
 def damaged(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     """Damages the only file, then expects the right features, and the file mended for the next reader."""
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     path.write_bytes(damage(path.read_bytes()))
@@ -139,7 +139,7 @@ def test_a_file_of_another_kind_is_computed_again(tmp_path: Path, content: bytes
 
 
 def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     np.savez(path, node_type="plane", descriptors=np.zeros((1, 2)))
@@ -148,7 +148,7 @@ def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
 
 def test_no_flipped_bit_changes_the_features(tmp_path: Path) -> None:
     """The archive's check sums find them; those in parts that do not matter are no harm."""
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     content = path.read_bytes()
@@ -172,7 +172,7 @@ def test_a_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
     blocked.write_text("a file")
     for _ in range(2):
         assert_equal(
-            FeatureCache(ArrayStore(blocked)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)),
+            FeatureCache(DiskCache(blocked)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)),
             features_of(0),
         )
     assert blocked.read_text() == "a file"
@@ -181,7 +181,7 @@ def test_a_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
 def test_a_folder_that_can_be_read_but_not_written_still_serves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache = FeatureCache(ArrayStore(tmp_path))
+    cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
 
     def refuse(*args: object, **kwargs: object) -> None:
@@ -203,7 +203,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(np if step == "savez" else os, step, refuse)
     assert_equal(
-        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0)
+        FeatureCache(DiskCache(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0)
     )
     assert files_in(tmp_path) == []
 
@@ -216,7 +216,7 @@ def test_an_interrupted_write_leaves_no_half_file_and_interrupts(
 
     monkeypatch.setattr(np, "savez", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+        FeatureCache(DiskCache(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert files_in(tmp_path) == []
 
 
@@ -225,19 +225,19 @@ def test_an_error_of_the_extractor_is_not_swallowed(tmp_path: Path) -> None:
         raise OSError("the extractor's own")
 
     with pytest.raises(OSError, match="the extractor's own"):
-        FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", fail)
+        FeatureCache(DiskCache(tmp_path)).get_or_compute(frame_of(0), "sift", fail)
     assert files_in(tmp_path) == []
 
 
 def entry_bytes(tmp_path: Path) -> int:
     folder = tmp_path / "one entry"
-    FeatureCache(ArrayStore(folder)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+    FeatureCache(DiskCache(folder)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     return size_of(folder)
 
 
 def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
-    cache = FeatureCache(ArrayStore(folder, limit_mb=4.5 * entry_bytes(tmp_path) / 1e6))  # room for four
+    cache = FeatureCache(DiskCache(folder, limit_mb=4.5 * entry_bytes(tmp_path) / 1e6))  # room for four
     for seed in range(4):
         before = set(files_in(folder))
         cache.get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
@@ -253,7 +253,7 @@ def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
 def test_the_folder_never_holds_more_than_the_limit(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
-    cache = FeatureCache(ArrayStore(folder, limit_mb=limit / 1e6))
+    cache = FeatureCache(DiskCache(folder, limit_mb=limit / 1e6))
     largest = 0
     for seed in range(80):
         cache.get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
@@ -268,7 +268,7 @@ def test_many_short_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
     for seed in range(60):
-        FeatureCache(ArrayStore(folder, limit_mb=limit / 1e6)).get_or_compute(
+        FeatureCache(DiskCache(folder, limit_mb=limit / 1e6)).get_or_compute(
             frame_of(seed),
             "sift",
             lambda: features_of(seed),  # noqa: B023
@@ -282,7 +282,7 @@ def test_what_killed_runs_left_goes_after_an_hour(tmp_path: Path) -> None:
         (tmp_path / "ab" / name).write_bytes(b"half a file")
         os.utime(tmp_path / "ab" / name, (time.time() - age_s,) * 2)
     (tmp_path / "ab" / "not_ours.txt").write_text("kept")
-    FeatureCache(ArrayStore(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
+    FeatureCache(DiskCache(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     assert [path.name for path in files_in(tmp_path) if path.suffix != ".npz"] == ["fresh.part", "not_ours.txt"]
 
 
@@ -290,7 +290,7 @@ PROCESS = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from geoskill.array_store import ArrayStore
+from geoskill.io.disk_cache import DiskCache
 from geoskill.features import cache as cache_module
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
@@ -305,7 +305,7 @@ def expected(key):
     rows = np.full((40, 128), key, np.float32)
     return FeatureSet(NodeType.POINT, rows, rows[:, :2] + 1, rows[:, 0] + 2)
 
-cache = FeatureCache(ArrayStore(folder, limit_mb))
+cache = FeatureCache(DiskCache(folder, limit_mb))
 (meeting / me).touch()
 until = time.monotonic() + 20
 while not (meeting / other).exists():

@@ -21,7 +21,7 @@ def test_the_strongest_of_each_corner_is_kept_strongest_first() -> None:
         keypoint(3.0, 4.0, 0.25),
         keypoint(3.25, 3.75, 0.75, angle=90.0),  # the same corner, stronger
         keypoint(3.0, 4.125, 0.5),  # the same corner, weaker
-        keypoint(4.0, 4.0, 0.125),  # its neighbour
+        keypoint(4.0, 4.0, 0.125),  # its neighbor
         keypoint(4.0, 3.0, 1.0),
     ]
     assert as_tuples(distinct_keypoints(found)) == [(4, 3, 1, 0), (3.25, 3.75, 0.75, 90), (4, 4, 0.125, 0)]

@@ -15,7 +15,7 @@ from geoskill.geometry.primitives import NodeType
 
 SIZE = 480
 FEATURE_COUNT = 80
-# (rotation in degrees, scale, two perspective terms in 1/px about the picture's centre)
+# (rotation in degrees, scale, two perspective terms in 1/px about the picture's center)
 WARPS = [
     (10, 1.0, 0, 0),
     (-20, 1.0, 0, 0),
@@ -34,31 +34,31 @@ WARPS = [
 
 
 def textured_picture(seed: int) -> np.ndarray:
-    """Many overlapping rectangles of all sizes, grey levels and directions, with noise."""
+    """Many overlapping rectangles of all sizes, gray levels and directions, with noise."""
     generator = np.random.default_rng(seed)
     image = np.full((SIZE, SIZE), 128, np.uint8)
     for _ in range(140):
-        centre, size = generator.uniform(0, SIZE, 2), generator.uniform(10, 70, 2)
-        corners = cv2.boxPoints((tuple(centre), tuple(size), generator.uniform(0, 180)))
-        grey = int(generator.integers(20, 235))
-        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], grey, cv2.LINE_AA, 4)
+        center, size = generator.uniform(0, SIZE, 2), generator.uniform(10, 70, 2)
+        corners = cv2.boxPoints((tuple(center), tuple(size), generator.uniform(0, 180)))
+        gray = int(generator.integers(20, 235))
+        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], gray, cv2.LINE_AA, 4)
     noisy = cv2.GaussianBlur(image, (0, 0), 1.0) + generator.normal(0, 3, image.shape)
     return np.clip(noisy, 0, 255).astype(np.uint8)
 
 
 def frames(blocks: Path) -> list[np.ndarray]:
-    """Frames as the pipeline sees them: grey, twice as large."""
+    """Frames as the pipeline sees them: gray, twice as large."""
     paths = [blocks / "human1" / "0000.jpg", blocks / "robot1" / "0150.jpg"]
     small = [np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8) for path in paths]
     return [np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_CUBIC), np.uint8) for image in small]
 
 
 def homography(rotation_deg: float, scale: float, perspective_x: float, perspective_y: float) -> np.ndarray:
-    """About the picture's centre."""
+    """About the picture's center."""
     c, s = scale * np.cos(np.radians(rotation_deg)), scale * np.sin(np.radians(rotation_deg))
-    to_centre = np.array([[1, 0, -(SIZE - 1) / 2], [0, 1, -(SIZE - 1) / 2], [0, 0, 1]])
+    to_center = np.array([[1, 0, -(SIZE - 1) / 2], [0, 1, -(SIZE - 1) / 2], [0, 0, 1]])
     about_origin = np.array([[c, -s, 0], [s, c, 0], [perspective_x, perspective_y, 1]])
-    return np.asarray(np.linalg.inv(to_centre) @ about_origin @ to_centre)
+    return np.asarray(np.linalg.inv(to_center) @ about_origin @ to_center)
 
 
 def warped(segments: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ def same_edge(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def matches(image: np.ndarray, matrix: np.ndarray, extractor: Lbd) -> tuple[np.ndarray, np.ndarray]:
-    """Mutual nearest neighbours between a picture and its warp: where the first should be, and the second."""
+    """Mutual nearest neighbors between a picture and its warp: where the first should be, and the second."""
     other = cv2.warpPerspective(image, matrix, (SIZE, SIZE), borderMode=cv2.BORDER_REPLICATE)
     first = seen_by_both(extractor.extract(image), matrix)
     second = seen_by_both(extractor.extract(other), np.linalg.inv(matrix))

@@ -56,7 +56,7 @@ def test_a_view_with_strides_gives_what_its_copy_gives() -> None:
 
 
 @pytest.mark.parametrize("image", [np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.float32)])
-def test_pictures_that_are_not_grey_bytes_are_refused(image: np.ndarray) -> None:
+def test_pictures_that_are_not_gray_bytes_are_refused(image: np.ndarray) -> None:
     # A TypeError where the shape annotations are checked at run time.
     with pytest.raises((ValueError, TypeError), match=r"(?i)uint8"):
         detect_segments(image, 0.0)

@@ -1,4 +1,4 @@
-"""What happens around an extractor: grey, enlargement and the way back, the strongest, the cache."""
+"""What happens around an extractor: gray, enlargement and the way back, the strongest, the cache."""
 
 from pathlib import Path
 from typing import ClassVar, final
@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.array_store import ArrayStore
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
-from geoskill.features.colour import COLOUR_DIM, colours_around
+from geoskill.features.color import COLOR_DIM, colors_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.lbd import Lbd
@@ -20,6 +19,7 @@ from geoskill.features.orb import Orb
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
 from geoskill.geometry.primitives import NodeType
+from geoskill.io.disk_cache import DiskCache
 
 
 @final
@@ -63,8 +63,8 @@ def frame_of(height: int, width: int) -> np.ndarray:
 
 def blob(x: float, y: float, sigma: float, height: int, width: int) -> np.ndarray:
     rows, columns = np.mgrid[:height, :width]
-    grey = 200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * sigma**2))
-    return np.repeat(np.round(grey).astype(np.uint8)[:, :, None], 3, axis=2)
+    gray = 200 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * sigma**2))
+    return np.repeat(np.round(gray).astype(np.uint8)[:, :, None], 3, axis=2)
 
 
 @given(height=st.integers(2, 70), width=st.integers(2, 70), min_side=st.integers(0, 100))
@@ -104,7 +104,7 @@ def test_the_extractor_sees_the_luminance_of_the_rgb_frame() -> None:
 
 
 @pytest.mark.parametrize("min_side", [0, 113, 200, 300])
-def test_a_blob_is_found_at_its_centre_at_every_scale(min_side: int) -> None:
+def test_a_blob_is_found_at_its_center_at_every_scale(min_side: int) -> None:
     frame = blob(45.25, 61.5, sigma=3.0, height=100, width=121)
     found = FeaturePipeline(Sift(), max_features=5, min_side=min_side).extract(frame)
     np.testing.assert_allclose(found.geometry[0], [45.25, 61.5], atol=0.06)
@@ -155,8 +155,8 @@ def test_a_black_frame_has_no_feature(extractor: FeatureExtractor) -> None:
 
 
 def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    def identity(extractor: FeatureExtractor, max_features: int = 60, min_side: int = 480, colour: float = 0.0) -> str:
-        return FeaturePipeline(extractor, max_features=max_features, min_side=min_side, colour=colour).identity
+    def identity(extractor: FeatureExtractor, max_features: int = 60, min_side: int = 480, color: float = 0.0) -> str:
+        return FeaturePipeline(extractor, max_features=max_features, min_side=min_side, color=color).identity
 
     before = identity(Sift())
     assert before == identity(Sift())
@@ -169,8 +169,8 @@ def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypat
         identity(Sift(), max_features=61),
         identity(Sift(), min_side=0),
         identity(Sift(), max_features=6, min_side=0),
-        identity(Sift(), colour=1.0),
-        identity(Sift(), colour=2.0),
+        identity(Sift(), color=1.0),
+        identity(Sift(), color=2.0),
     ]
     monkeypatch.setattr(cv2, "__version__", "99.0.0")
     others.append(identity(Sift()))
@@ -180,7 +180,7 @@ def test_every_setting_and_the_version_of_opencv_identify_the_features(monkeypat
 def test_a_frame_is_extracted_once_with_a_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     texture = cv2.GaussianBlur(frame_of(80, 80), (0, 0), 2)
     first = FeaturePipeline(Sift(), max_features=9, min_side=160).extract(texture)
-    cached = FeaturePipeline(Sift(), max_features=9, min_side=160, cache=FeatureCache(ArrayStore(tmp_path)))
+    cached = FeaturePipeline(Sift(), max_features=9, min_side=160, cache=FeatureCache(DiskCache(tmp_path)))
     stored = cached.extract(texture)
     monkeypatch.setattr(Sift, "extract", None)  # calling it would fail
     again = cached.extract(texture.copy())
@@ -205,42 +205,42 @@ def test_a_negative_side_is_refused() -> None:
         FeaturePipeline(Sift(), max_features=2, min_side=-1)
 
 
-def test_colours_stand_beside_the_descriptor() -> None:
+def test_colors_stand_beside_the_descriptor() -> None:
     picture = np.random.default_rng(5).integers(0, 255, (12, 16, 3), np.uint8)
     picture = cv2.resize(picture, (160, 120), interpolation=cv2.INTER_CUBIC)
-    grey = FeaturePipeline(Sift(), max_features=20, min_side=0)
-    coloured = FeaturePipeline(Sift(), max_features=20, min_side=0, colour=2.0)
-    assert (grey.descriptor_dim, coloured.descriptor_dim) == (128, 128 + COLOUR_DIM)
-    plain, found = grey.extract(picture), coloured.extract(picture)
+    gray = FeaturePipeline(Sift(), max_features=20, min_side=0)
+    colored = FeaturePipeline(Sift(), max_features=20, min_side=0, color=2.0)
+    assert (gray.descriptor_dim, colored.descriptor_dim) == (128, 128 + COLOR_DIM)
+    plain, found = gray.extract(picture), colored.extract(picture)
     np.testing.assert_array_equal(found.geometry, plain.geometry)
     np.testing.assert_allclose(np.linalg.norm(found.descriptors, axis=1), 1, atol=1e-5)
     # Both parts in the ratio that the weight sets.
     detected = Sift().extract(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), 20)
     assert detected.arms is not None
-    colours = colours_around(picture, detected.geometry, detected.arms)
+    colors = colors_around(picture, detected.geometry, detected.arms)
     scale = np.linalg.norm(found.descriptors[:, :128], axis=1, keepdims=True)
     np.testing.assert_allclose(found.descriptors[:, :128] / scale, plain.descriptors, atol=1e-5)
-    np.testing.assert_allclose(found.descriptors[:, 128:] / scale, 2 * colours, atol=1e-5)
+    np.testing.assert_allclose(found.descriptors[:, 128:] / scale, 2 * colors, atol=1e-5)
 
 
-def test_colours_are_those_of_the_frame_however_it_was_enlarged() -> None:
+def test_colors_are_those_of_the_frame_however_it_was_enlarged() -> None:
     picture = np.full((60, 60, 3), (150, 40, 40), np.uint8)
     cv2.circle(picture, (30, 30), 8, (40, 40, 150), -1)
     for min_side in (0, 240):
-        found = FeaturePipeline(Sift(), max_features=2, min_side=min_side, colour=1.0).extract(picture)
+        found = FeaturePipeline(Sift(), max_features=2, min_side=min_side, color=1.0).extract(picture)
         row = int(np.argmin(np.linalg.norm(found.geometry - 30, axis=1)))
         middle, *around = found.descriptors[row, 128:].reshape(5, 2)
         assert middle[1] < 0 < min(place[1] for place in around)  # blue inside, red outside
 
 
-def test_lines_have_no_colours_and_neither_has_what_is_not_there() -> None:
+def test_lines_have_no_colors_and_neither_has_what_is_not_there() -> None:
     frame = np.zeros((100, 90, 3), np.uint8)
-    lines = FeaturePipeline(Lbd(), max_features=5, min_side=0, colour=3.0)
+    lines = FeaturePipeline(Lbd(), max_features=5, min_side=0, color=3.0)
     assert lines.extract(frame).descriptors.shape == (0, lines.descriptor_dim) == (0, Lbd.descriptor_dim)
-    points = FeaturePipeline(Orb(), max_features=5, min_side=0, colour=3.0)
-    assert points.extract(frame).descriptors.shape == (0, points.descriptor_dim) == (0, 256 + COLOUR_DIM)
+    points = FeaturePipeline(Orb(), max_features=5, min_side=0, color=3.0)
+    assert points.extract(frame).descriptors.shape == (0, points.descriptor_dim) == (0, 256 + COLOR_DIM)
 
 
-def test_a_negative_weight_of_colour_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^features\.colour=-1: expected 0 \(none\) or more$"):
-        FeaturePipeline(Sift(), max_features=2, min_side=0, colour=-1)
+def test_a_negative_weight_of_color_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^features\.color=-1: expected 0 \(none\) or more$"):
+        FeaturePipeline(Sift(), max_features=2, min_side=0, color=-1)

@@ -21,7 +21,7 @@ def test_a_ramp_is_what_it_is_at_every_size(size: float) -> None:
 
 
 def test_a_size_averages() -> None:
-    """Of stripes one pixel wide, four pixels together are grey."""
+    """Of stripes one pixel wide, four pixels together are gray."""
     stripes = np.zeros((64, 64), np.float32)
     stripes[:, ::2] = 100.0
     places = np.array([[[20.0, 30.0], [21.0, 30.0]]] * 2, np.float32)

@@ -1,4 +1,4 @@
-"""SIFT on blobs whose centres are known, and its descriptors from OpenCV's own."""
+"""SIFT on blobs whose centers are known, and its descriptors from OpenCV's own."""
 
 import cv2
 import numpy as np
@@ -12,8 +12,8 @@ def picture_of_blobs(*blobs: tuple[float, float, float, float], height: int = 16
     """Gaussian blobs x, y, standard deviation, height on black."""
     y, x = np.mgrid[:height, :width]
     picture = np.zeros((height, width))
-    for centre_x, centre_y, sigma, peak in blobs:
-        picture += peak * np.exp(-((x - centre_x) ** 2 + (y - centre_y) ** 2) / (2 * sigma**2))
+    for center_x, center_y, sigma, peak in blobs:
+        picture += peak * np.exp(-((x - center_x) ** 2 + (y - center_y) ** 2) / (2 * sigma**2))
     return np.clip(np.round(picture), 0, 255).astype(np.uint8)
 
 
@@ -24,12 +24,12 @@ def texture(height: int = 240, width: int = 250, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sigma", [2.0, 3.0, 4.5, 6.0])
-@pytest.mark.parametrize("centre", [(60.0, 60.0), (90.3, 70.7), (120.5, 50.5), (75.75, 99.25)])
-def test_a_blob_is_found_at_its_centre(centre: tuple[float, float], sigma: float) -> None:
-    features = Sift().extract(picture_of_blobs((*centre, sigma, 200.0)))
+@pytest.mark.parametrize("center", [(60.0, 60.0), (90.3, 70.7), (120.5, 50.5), (75.75, 99.25)])
+def test_a_blob_is_found_at_its_center(center: tuple[float, float], sigma: float) -> None:
+    features = Sift().extract(picture_of_blobs((*center, sigma, 200.0)))
     assert len(features) > 0
     # A quarter of a pixel off would be OpenCV's imprecise enlargement.
-    np.testing.assert_allclose(features.geometry[0], centre, atol=0.06)
+    np.testing.assert_allclose(features.geometry[0], center, atol=0.06)
 
 
 def test_a_picture_turned_by_180_degrees_has_its_features_turned() -> None:

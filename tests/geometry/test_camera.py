@@ -21,7 +21,7 @@ CAMERA = st.builds(
 
 def test_pixels_and_depths_by_hand() -> None:
     camera = PinholeCamera(41, 31, 80.0, np.eye(4))
-    np.testing.assert_array_equal(camera.centre_px, [20, 15])
+    np.testing.assert_array_equal(camera.center_px, [20, 15])
     # Right and down are positive; half as far is twice as large.
     points = np.array([[0.0, 0, 1], [0.1, 0, 1], [0, 0.1, 1], [0.1, 0.1, 0.5], [0, 0, -2]])
     pixels, depth = project(camera, points)
@@ -54,7 +54,7 @@ def test_there_and_back(camera: PinholeCamera, rows: list[tuple[float, float, fl
 def test_the_focal_length_of_an_angle_of_view() -> None:
     # A quarter turn from top to bottom: half the height is as far away as it is high.
     assert focal_length_px(480, math.pi / 2) == pytest.approx(240)
-    # A ray at half of the angle meets the picture's border, half a pixel beyond the last row's centre.
+    # A ray at half of the angle meets the picture's border, half a pixel beyond the last row's center.
     focal = focal_length_px(480, 0.7)
     camera = PinholeCamera(640, 480, focal, np.eye(4))
     ((_, row),), _ = project(camera, np.array([[0.0, math.tan(0.35), 1.0]]))

@@ -1,4 +1,4 @@
-"""The pixel-centre convention of resizing."""
+"""The pixel-center convention of resizing."""
 
 import cv2
 import numpy as np

@@ -11,8 +11,8 @@ from torch_geometric.loader import DataLoader
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import (
+    Displacement,
     MotifGraph,
-    Motion,
     feature_graph,
     gather_nodes,
     motif_graph,
@@ -56,10 +56,10 @@ def frames(kernel: Kernel, with_motion: bool = False) -> list[MotifGraph]:
     return graphs
 
 
-def motions(found: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeType, Motion]:
+def motions(found: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeType, Displacement]:
     generator = torch.Generator().manual_seed(seed)
     return {
-        kind: Motion(
+        kind: Displacement(
             torch.rand(features.geometry.shape, generator=generator),
             torch.rand(len(features), generator=generator) < 0.5,
         )
@@ -73,7 +73,7 @@ def test_a_frame_holds_its_features_and_all_instances() -> None:
     for kind in (POINT, LINE):
         np.testing.assert_array_equal(graph[f"{kind}_descriptor"].numpy(), found[kind].descriptors)
         np.testing.assert_array_equal(graph[f"{kind}_geometry"].numpy(), found[kind].geometry)
-        assert f"{kind}_moved" not in graph
+        assert f"{kind}_next_geometry" not in graph
     assert graph.instance_index.tolist() == [[0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 2]]
     assert graph.instance_frame.tolist() == [0] * 6
     assert graph.num_nodes == 5
@@ -92,8 +92,8 @@ def test_motion_is_kept_by_type() -> None:
     motion = motions(found, seed=1)
     graph = motif_graph(PointToLine(), found, motion)
     for kind in (POINT, LINE):
-        assert torch.equal(graph[f"{kind}_moved"], motion[kind].geometry)
-        assert torch.equal(graph[f"{kind}_followed"], motion[kind].followed)
+        assert torch.equal(graph[f"{kind}_next_geometry"], motion[kind].next_geometry)
+        assert torch.equal(graph[f"{kind}_tracked"], motion[kind].tracked)
 
 
 def test_offsets_in_a_batch_written_out_for_one_type() -> None:
@@ -184,7 +184,14 @@ def test_the_data_loader_of_pytorch_geometric_batches_a_list() -> None:
     assert [batch.num_graphs for batch in batches] == [3, 3, 2]
     for batch, start in zip(batches, (0, 3, 6), strict=True):
         expected = Batch.from_data_list(graphs[start : start + 3])
-        for key in ("instance_index", "instance_frame", "point_descriptor", "line_moved", "line_followed", "batch"):
+        for key in (
+            "instance_index",
+            "instance_frame",
+            "point_descriptor",
+            "line_next_geometry",
+            "line_tracked",
+            "batch",
+        ):
             assert torch.equal(batch[key], expected[key]), key
 
 
@@ -217,7 +224,7 @@ def test_scores_and_errors_of_a_batch_are_those_of_its_frames(kernel: Kernel, sc
     scores = torch.cat([model(graph) for graph in graphs])
     assert len(scores) == batch.instance_index.shape[1] > 0
     torch.testing.assert_close(model(batch), scores, rtol=1e-5, atol=1e-6)
-    for geometry in ("geometry", "moved"):
+    for geometry in ("geometry", "next_geometry"):
         errors = torch.cat([model.control_errors(graph, geometry) for graph in graphs])
         assert errors.shape == (len(scores), kernel.error_dim)
         assert torch.equal(model.control_errors(batch, geometry), errors)

@@ -34,7 +34,7 @@ def network(kernel: Kernel, budget: int | None, prototypes: int | None = 16) -> 
         prototypes=prototypes,
         cascade=budget,
     ).double()
-    scorer.remember(frame(kernel, 30, seed=1))
+    scorer.fit_prototypes(frame(kernel, 30, seed=1))
     return scorer.eval()
 
 

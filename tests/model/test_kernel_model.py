@@ -9,7 +9,7 @@ from torch_geometric.data import Batch
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import MotifGraph, Motion, motif_graph
+from geoskill.graphs.motif_graph import MotifGraph, motif_graph
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
@@ -19,6 +19,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.model.scorer import Motif
 from geoskill.objective.selection import select_out
+from geoskill.tracking.motion import Displacement
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 DIMS = {POINT: 6, LINE: 9}
@@ -49,7 +50,7 @@ def frame_of(kernel: Kernel, counts: dict[NodeType, int], seed: int = 0) -> Moti
             geometry,
             np.zeros(count, np.float32),
         )
-        motion[kind] = Motion(torch.from_numpy(geometry + 3), torch.ones(count, dtype=torch.bool))
+        motion[kind] = Displacement(torch.from_numpy(geometry + 3), torch.ones(count, dtype=torch.bool))
     return motif_graph(kernel, features, motion)
 
 
@@ -103,8 +104,8 @@ def test_control_errors_of_both_geometries() -> None:
     xy = graph.point_geometry
     expected = torch.stack([xy[0] - xy[1], xy[0] - xy[2], xy[1] - xy[2]])
     assert torch.equal(model_of(kernel).control_errors(graph), expected)
-    graph.point_moved[0] += torch.tensor([10.0, 0.0])
-    moved = model_of(kernel).control_errors(graph, "moved") - expected
+    graph.point_next_geometry[0] += torch.tensor([10.0, 0.0])
+    moved = model_of(kernel).control_errors(graph, "next_geometry") - expected
     torch.testing.assert_close(moved, torch.tensor([[10.0, 0], [10, 0], [0, 0]]), rtol=0, atol=1e-4)
 
 

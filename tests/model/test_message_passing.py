@@ -102,7 +102,7 @@ def test_low_precision_is_some_rounding_in_scores_and_gradients(read_out: str, p
             memory_mb=0.2,
         )
         scorer.load_state_dict(exact.state_dict())
-        scorer.remember(descriptors)
+        scorer.fit_prototypes(descriptors)
         scores = scorer(descriptors, index)
         assert scores.dtype == torch.float32
         with torch.no_grad():

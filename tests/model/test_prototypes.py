@@ -29,7 +29,7 @@ def features(count: int, dim: int = 6, seed: int = 0) -> torch.Tensor:
 def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
     torch.manual_seed(0)
     scorer = PrototypeMixture(motif, prototypes=4, components=2).double()
-    scorer.remember({kind: features(4, dim) for kind, dim in motif.descriptor_dims.items()})
+    scorer.fit_prototypes({kind: features(4, dim) for kind, dim in motif.descriptor_dims.items()})
     given = {kind: features(5, dim, seed=1) for kind, dim in motif.descriptor_dims.items()}
     index = torch.tensor([[0, 1, 4], [1, 3, 0], [2, 4, 1]])[:, : len(motif.roles)].T
 
@@ -65,7 +65,7 @@ def test_all_pairs_at_once_earn_what_each_earns_by_itself(motif: Motif, spread: 
     with torch.no_grad():
         for weights in scorer.weights:
             weights.mul_(spread).clamp_(-60 / GAIN, 60 / GAIN)
-    scorer.remember({kind: features(12, dim).float() for kind, dim in motif.descriptor_dims.items()})
+    scorer.fit_prototypes({kind: features(12, dim).float() for kind, dim in motif.descriptor_dims.items()})
     given = {kind: features(7, dim, seed=1).float().requires_grad_() for kind, dim in motif.descriptor_dims.items()}
     index = torch.combinations(torch.arange(7)).T if motif is P2P else torch.cartesian_prod(*[torch.arange(7)] * 2).T
     wanted = [*given.values(), *scorer.parameters()]
@@ -81,7 +81,7 @@ def test_all_pairs_at_once_earn_what_each_earns_by_itself(motif: Motif, spread: 
 def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
     scorer = PrototypeMixture(P2P, prototypes=64).double()
     given = features(16)
-    scorer.remember({POINT: given})
+    scorer.fit_prototypes({POINT: given})
     nearest = (scorer.get_buffer("point_prototypes") @ given.T).max(dim=1)
     assert nearest.values.min() > 1 - 1e-12
     assert set(torch.bincount(nearest.indices, minlength=16).tolist()) <= {3, 4, 5}
@@ -90,7 +90,7 @@ def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
 @pytest.mark.parametrize("prototypes", [1, 8])
 def test_a_single_feature_is_likeness_enough(prototypes: int) -> None:
     scorer = PrototypeMixture(P2P, prototypes=prototypes).double()
-    scorer.remember({POINT: features(1)})
+    scorer.fit_prototypes({POINT: features(1)})
     like, unlike = scorer({POINT: torch.cat([features(1), -features(1)])}, torch.tensor([[0, 1], [0, 1]]))
     assert torch.isfinite(unlike)
     assert like > unlike
@@ -98,7 +98,7 @@ def test_a_single_feature_is_likeness_enough(prototypes: int) -> None:
 
 def test_few_features_are_kept_more_than_once() -> None:
     scorer = PrototypeMixture(P2P, prototypes=8).double()
-    scorer.remember({POINT: features(1)})
+    scorer.fit_prototypes({POINT: features(1)})
     torch.testing.assert_close(scorer.get_buffer("point_prototypes"), features(1).expand(8, -1), rtol=0, atol=0)
 
 
@@ -107,7 +107,7 @@ def test_the_farther_from_the_demonstration_the_lower_the_score() -> None:
     torch.manual_seed(0)
     scorer = PrototypeMixture(P2P, prototypes=8).double()
     known = features(8).abs()  # like SIFT's, so that there is a direction away from all of them
-    scorer.remember({POINT: known})
+    scorer.fit_prototypes({POINT: known})
     steps = torch.linspace(0, 1, 20, dtype=torch.float64)[:, None]
     path = normalize((1 - steps) * known[0] - steps * normalize(known.mean(dim=0), dim=0))
     index = torch.stack([torch.arange(20), torch.full((20,), 20)])
@@ -122,7 +122,7 @@ def test_far_from_all_prototypes_there_is_still_a_gradient() -> None:
     torch.manual_seed(0)
     scorer = PrototypeMixture(P2P, prototypes=8)
     known = features(8).float()
-    scorer.remember({POINT: known})
+    scorer.fit_prototypes({POINT: known})
     scorer.get_buffer("point_window").fill_(1e-3)
     given = (-known[:2]).requires_grad_()
     scorer({POINT: given}, torch.tensor([[0], [1]])).sum().backward()
@@ -139,7 +139,7 @@ def test_before_anything_is_remembered_all_instances_are_equal() -> None:
 
 def test_nothing_to_remember_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^no point to remember; expected the demonstration's features$"):
-        PrototypeMixture(P2P, prototypes=8).remember({POINT: torch.zeros(0, 6)})
+        PrototypeMixture(P2P, prototypes=8).fit_prototypes({POINT: torch.zeros(0, 6)})
 
 
 @pytest.mark.parametrize(("name", "value"), [("prototypes", 0), ("components", -1)])

@@ -59,7 +59,9 @@ def random_case(
     scorer = MessagePassing(
         motif, hidden_dim=8, layers=layers, shared_weights=shared, read_out=read_out, prototypes=prototypes
     ).to(dtype)
-    scorer.remember({kind: normalize(torch.randn(9, dim, dtype=dtype)) for kind, dim in motif.descriptor_dims.items()})
+    scorer.fit_prototypes(
+        {kind: normalize(torch.randn(9, dim, dtype=dtype)) for kind, dim in motif.descriptor_dims.items()}
+    )
     descriptors = {
         kind: normalize(torch.randn(5, dim, dtype=dtype)).requires_grad_()
         for kind, dim in motif.descriptor_dims.items()

@@ -7,14 +7,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.objective.goal import arrival, goal_divergence
+from geoskill.objective.goal import goal_divergence, goal_progress
 
 ERRORS = st.floats(0.0, 1e4)
 
 
 def arrived(before: float, after: float, known: bool = True, resolution: float = 1.0) -> float:
     values = torch.tensor([before], dtype=torch.float64), torch.tensor([after], dtype=torch.float64)
-    return float(arrival(*values, torch.tensor([known]), resolution))
+    return float(goal_progress(*values, torch.tensor([known]), resolution))
 
 
 def test_arrival_by_hand() -> None:
@@ -43,14 +43,14 @@ def test_of_equal_ways_the_one_that_ends_nearer_earns_more(before: float, after:
     assert arrived(before, min(after, nearer) / 2) > arrived(before, max(after, nearer))
 
 
-def test_a_neighbour_of_the_goal_earns_clearly_less_although_it_comes_as_much_closer() -> None:
+def test_a_neighbor_of_the_goal_earns_clearly_less_although_it_comes_as_much_closer() -> None:
     """200 px from its tile, a box's corner meets the tile's corner within 2 px and passes the next within 30."""
     q = torch.softmax(torch.tensor([arrived(200, 2), arrived(228, 30)]) / 0.05, 0)
     assert float(q[0]) > 0.99
 
 
-def divergence(scores: list[float], arrivals: list[float], temperature: float, scale: float) -> float:
-    b, a = torch.tensor(scores, dtype=torch.float64), torch.tensor(arrivals, dtype=torch.float64)
+def divergence(scores: list[float], goal_progress: list[float], temperature: float, scale: float) -> float:
+    b, a = torch.tensor(scores, dtype=torch.float64), torch.tensor(goal_progress, dtype=torch.float64)
     return float(goal_divergence(b, a, temperature, scale, torch.zeros(len(b), dtype=torch.long), 1))
 
 
@@ -68,17 +68,17 @@ def test_divergence_by_hand() -> None:
 def test_divergence_is_zero_at_every_temperature_for_scores_that_are_the_scaled_arrivals(
     scores: list[float], shift: float
 ) -> None:
-    arrivals = [0.5 * place / len(scores) for place in range(len(scores))]
-    wanted = [200 * value + shift for value in arrivals]
+    goal_progress = [0.5 * place / len(scores) for place in range(len(scores))]
+    wanted = [200 * value + shift for value in goal_progress]
     for temperature in (0.05, 0.45):
-        assert divergence(wanted, arrivals, temperature, 200.0) == pytest.approx(0, abs=1e-9)
-        assert divergence(scores, arrivals, temperature, 200.0) >= -1e-12
+        assert divergence(wanted, goal_progress, temperature, 200.0) == pytest.approx(0, abs=1e-9)
+        assert divergence(scores, goal_progress, temperature, 200.0) >= -1e-12
 
 
 def test_a_low_temperature_looks_at_the_best_alone_a_high_one_at_those_below() -> None:
     """The order of the worst three is wrong."""
-    arrivals, scores = [0.7, 0.3, 0.2, 0.1], [140.0, 20.0, 40.0, 60.0]
-    assert divergence(scores, arrivals, 0.02, 200.0) < 1e-3 < divergence(scores, arrivals, 0.4, 200.0)
+    goal_progress, scores = [0.7, 0.3, 0.2, 0.1], [140.0, 20.0, 40.0, 60.0]
+    assert divergence(scores, goal_progress, 0.02, 200.0) < 1e-3 < divergence(scores, goal_progress, 0.4, 200.0)
 
 
 def test_gradient_of_the_scores_is_the_difference_of_the_distributions() -> None:

@@ -55,9 +55,9 @@ def test_tracked_objective_by_hand() -> None:
 
 def test_the_goal_counts_with_its_weight() -> None:
     """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
-    arrivals = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
-    first = replace(FIRST, arrivals=arrivals, scores=20 * FIRST.select_out.log())
-    second = replace(SECOND, arrivals=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
+    goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
+    first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
+    second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
     settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
@@ -74,10 +74,10 @@ def test_the_goal_counts_with_its_weight() -> None:
 
 @pytest.mark.usefixtures("annotations_unchecked")
 def test_a_goal_that_counts_needs_arrivals() -> None:
-    with pytest.raises(ValueError, match=r"without arrivals or scores; expected both for .*goal_weight=1\.0"):
+    with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for .*goal_weight=1\.0"):
         transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND)
-    with pytest.raises(ValueError, match="arrivals has 2 rows for 4 instances; expected as many"):
-        replace(FIRST, arrivals=torch.zeros(2, dtype=torch.float64))
+    with pytest.raises(ValueError, match="goal_progress has 2 rows for 4 instances; expected as many"):
+        replace(FIRST, goal_progress=torch.zeros(2, dtype=torch.float64))
 
 
 def test_frame_objective_by_hand() -> None:
@@ -113,7 +113,7 @@ def test_objective_rises_with_the_weight_of_an_approaching_instance() -> None:
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
 
-def test_regulariser_alone_sharpens_the_selection() -> None:
+def test_regularizer_alone_sharpens_the_selection() -> None:
     scores = torch.tensor([1.0, 0.0, -1.0], dtype=torch.float64, requires_grad=True)
     batch = torch.zeros(3, dtype=torch.long)
     zero = torch.zeros(3, dtype=torch.float64)
@@ -163,7 +163,7 @@ def test_an_empty_frame_is_no_approach() -> None:
 
 def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_seed() -> None:
     exact = transition_objective(without_goal(), 0.6, FIRST, SECOND).objective
-    settings = without_goal(partition="monte_carlo", first_samples=20000, second_samples=10)
+    settings = without_goal(partition="monte_carlo", value_samples=20000, gradient_samples=10)
     estimates = [
         transition_objective(settings, 0.6, FIRST, SECOND, torch.Generator().manual_seed(5)).objective for _ in range(2)
     ]
@@ -223,8 +223,8 @@ def test_defaults_are_the_settled_ones() -> None:
         ("alternatives", 0, "a whole number of at least 1"),
         ("alternatives", 2.5, "a whole number of at least 1"),
         ("alternatives", True, "a whole number of at least 1"),
-        ("first_samples", 0, "a whole number of at least 1"),
-        ("second_samples", -3, "a whole number of at least 1"),
+        ("value_samples", 0, "a whole number of at least 1"),
+        ("gradient_samples", -3, "a whole number of at least 1"),
         ("beta_scale", 0.0, "a positive number"),
         ("beta_scale", math.nan, "a positive number"),
         ("goal_weight", -1.0, "a number that is not negative"),

@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geoskill.geometry.poses import rotation_about, rotation_vector, table_pose
-from geoskill.simulation.motion import HOLD, Motion, Way, human_motion, minimum_jerk, robot_motion
+from geoskill.simulation.motion import HOLD, Displacement, Way, human_motion, minimum_jerk, robot_motion
 
 START, GOAL = table_pose(0.2, -0.1, 0.4, 0.02), table_pose(-0.1, 0.05, -0.6, 0.03)
 WAY = Way(START, GOAL, approach=np.array([0.0, 0.0, 0.05]), height=0.08)
 FRAMES = range(80, 111)  # of which a recording draws one
 
 
-def human(seed: int = 0, frames: int = 90, confidence: float = 0.93) -> Motion:
+def human(seed: int = 0, frames: int = 90, confidence: float = 0.93) -> Displacement:
     return human_motion(WAY, frames, confidence, np.random.default_rng(seed))
 
 
-def length_m(motion: Motion) -> float:
+def length_m(motion: Displacement) -> float:
     return float(np.linalg.norm(np.diff(motion.led[:, :3, 3], axis=0), axis=1).sum())
 
 
@@ -98,7 +98,7 @@ def test_less_confidence_makes_a_longer_way() -> None:
 
 
 def test_a_hand_trembles_and_a_robot_does_not() -> None:
-    def roughness(motion: Motion) -> float:
+    def roughness(motion: Displacement) -> float:
         carried = motion.led[8:60, :3, 3]
         return float(np.linalg.norm(np.diff(carried, n=3, axis=0), axis=1).mean())
 

@@ -21,7 +21,7 @@ def quarters() -> np.ndarray:
 
 def nearest(pixel: np.ndarray) -> tuple[int, ...]:
     level = pixel.astype(float) * 230 / max(1.0, float(pixel.max()))
-    return min((RED, GREEN, BLUE, WHITE), key=lambda colour: float(np.abs(level - colour).sum()))
+    return min((RED, GREEN, BLUE, WHITE), key=lambda color: float(np.abs(level - color).sum()))
 
 
 @pytest.mark.usefixtures("opengl")
@@ -57,7 +57,7 @@ def test_prints_are_upright_and_not_mirrored(face: str, camera: np.ndarray) -> N
 def test_shapes_are_where_they_are_to_be_and_touch_nothing() -> None:
     spec = mujoco.MjSpec()
     body = moving_body(spec, "body", pose((1.0, 2.0, 3.0)))
-    add_box(body, (0.1, 0.2, 0.3), pose((0.5, 0.0, 0.0)), colour=(0.25, 0.5, 0.75))
+    add_box(body, (0.1, 0.2, 0.3), pose((0.5, 0.0, 0.0)), color=(0.25, 0.5, 0.75))
     add_capsule(body, (0, 0, 0), (0, 0, 0.4), 0.05)
     add_cylinder(body, (0, -0.3, 0), (0, 0.1, 0), 0.02)
     model = spec.compile()

@@ -27,7 +27,7 @@ def slab() -> mujoco.MjModel:
     add_camera(spec, WIDTH, HEIGHT)
     spec.visual.headlight.ambient = [1.0] * 3
     body = spec.worldbody.add_body(name="slab")
-    add_box(body, (0.1, 0.1, 0.1), pose((0.2, 0.05, 0.1)), colour=(1, 0, 0))
+    add_box(body, (0.1, 0.1, 0.1), pose((0.2, 0.05, 0.1)), color=(1, 0, 0))
     return spec.compile()
 
 
@@ -72,7 +72,7 @@ def test_the_lens_sees_its_angle_from_top_to_bottom() -> None:
 
 
 @pytest.mark.usefixtures("opengl")
-def test_bodies_depths_and_colours_are_where_the_camera_model_says() -> None:
+def test_bodies_depths_and_colors_are_where_the_camera_model_says() -> None:
     model = slab()
     data = mujoco.MjData(model)
     place_camera(model, data, ABOVE)
@@ -80,7 +80,7 @@ def test_bodies_depths_and_colours_are_where_the_camera_model_says() -> None:
     with Renderer(model, WIDTH, HEIGHT) as rendering:
         numbers, depth, picture = rendering.bodies(data), rendering.depth_m(data), rendering.picture(data)
         np.testing.assert_array_equal(rendering.bodies(data), numbers)  # one does not disturb the other
-    # At 0.8 m, a metre is this many pixels; the picture's middle is pixel (80, 60).
+    # At 0.8 m, a meter is this many pixels; the picture's middle is pixel (80, 60).
     scale = 121 / 2 / np.tan(np.radians(20)) / 0.8
     left, right, top, bottom = 80 + 0.1 * scale, 80 + 0.3 * scale, 60 - 0.15 * scale, 60 + 0.05 * scale
     foot = 80 + 0.1 * scale * 0.8  # the left side is seen, too, down to the ground at 1 m

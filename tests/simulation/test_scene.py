@@ -12,11 +12,12 @@ import pytest
 from geoskill.geometry.camera import back_project, project
 from geoskill.geometry.poses import inverse, rotation_vector, transform
 from geoskill.simulation.conditions import Conditions
+from geoskill.simulation.ground_truth import FrameTruth
 from geoskill.simulation.recording import Cloth, Recording, pack
+from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.scene import HEIGHT, WIDTH, RecordingSettings, record
 from geoskill.simulation.tasks import folding, insertion, screw, sorting
-from geoskill.simulation.tasks.task import Role, Task
-from geoskill.simulation.truth import FrameTruth
+from geoskill.simulation.tasks.task import Task
 
 Recorded = Callable[..., Recording]
 
@@ -54,7 +55,7 @@ def cloth_of(recording: Recording) -> Cloth:
     return recording.cloth
 
 
-def shown_pixels(recording: Recording, frame: int, role: Role, every: int = 5) -> int:
+def shown_pixels(recording: Recording, frame: int, role: SceneRole, every: int = 5) -> int:
     """How many pixels of a coarse grid show something of a role."""
     rows, columns = np.mgrid[:HEIGHT:every, :WIDTH:every].reshape(2, -1)
     numbers = recording.body_numbers(frame)[rows, columns]
@@ -73,10 +74,10 @@ def test_size_bodies_and_roles(recorded: Recorded, task: str) -> None:
     assert len(recording.shown) == len(recording.depths) == len(recording.poses) == len(recording.camera)
     assert recording.picture(0).shape == (HEIGHT, WIDTH, 3)
     assert recording.body_numbers(0).shape == recording.depth_m(0).shape == (HEIGHT, WIDTH)
-    assert {part.role for part in recording.roles} == set(Role)
+    assert {part.role for part in recording.roles} == set(SceneRole)
     assert all(part.body in recording.bodies for part in recording.roles)
     # All three are well seen at the start.
-    assert all(shown_pixels(recording, 0, role) > 50 for role in Role)
+    assert all(shown_pixels(recording, 0, role) > 50 for role in SceneRole)
 
 
 @pytest.mark.parametrize("task", RIGID)
@@ -90,7 +91,7 @@ def test_known_points_are_found_where_they_are_projected(recorded: Recorded, tas
         assert recording.depth_m(0)[row, column] == pytest.approx(depth[0], abs=2 * MILLIMETRE)
         (point,) = FrameTruth(recording, 0).surface(np.array([[column, row]]))
         assert point is not None
-        # Half a pixel is about half a millimetre wide, and on the slant a little more.
+        # Half a pixel is about half a millimeter wide, and on the slant a little more.
         np.testing.assert_allclose(point.place, place, atol=2 * MILLIMETRE)
 
 
@@ -139,7 +140,8 @@ def test_the_object_comes_from_elsewhere_and_reaches_the_goal(recorded: Recorded
     take = "demonstration" if actor == "human" else "robot"
     recording = recorded(task, take, actor=actor)
     object_name, target = (
-        next(part.body for part in recording.roles if part.role is role) for role in (Role.OBJECT, Role.TARGET)
+        next(part.body for part in recording.roles if part.role is role)
+        for role in (SceneRole.OBJECT, SceneRole.TARGET)
     )
     first, last = (inverse(pose_of(recording, target, k)) @ pose_of(recording, object_name, k) for k in (0, -1))
     assert np.linalg.norm(first[:2, 3]) > 0.1
@@ -190,7 +192,7 @@ def test_another_take_shows_the_same_things_elsewhere(recorded: Recorded) -> Non
         assert np.abs(pose_of(first, body, 0) - pose_of(other, body, 0)).max() > 0.001
 
     def tiles(recording: Recording) -> np.ndarray:
-        """The mean colour of each tile, from the back left one on, which light and view change but little."""
+        """The mean color of each tile, from the back left one on, which light and view change but little."""
         names = [name for name in recording.bodies if name == "tile" or name.startswith("distractor")]
         masks = [recording.body_numbers(0) == recording.bodies.index(name) for name in names]
         return np.array([recording.picture(0)[mask].mean(axis=0) for mask in masks])
@@ -244,7 +246,9 @@ def test_the_camera_turns(recorded: Recorded, task: str, seed: int) -> None:
     assert np.linalg.norm(recording.camera[0, :3, 3] - recording.camera[-1, :3, 3]) > 0.1
     # What is to be seen stays in the picture.
     assert all(
-        shown_pixels(recording, k, role) > 10 for k in range(len(recording)) for role in (Role.OBJECT, Role.TARGET)
+        shown_pixels(recording, k, role) > 10
+        for k in range(len(recording))
+        for role in (SceneRole.OBJECT, SceneRole.TARGET)
     )
 
 
@@ -256,7 +260,7 @@ def test_occlusion_hides_half_of_object_or_target_for_a_third_of_the_time(
 ) -> None:
     usual, hidden = usual_and_hard(recorded, task, "occlusion", seed)
     half_hidden = np.zeros(len(usual), bool)
-    for role in (Role.OBJECT, Role.TARGET):
+    for role in (SceneRole.OBJECT, SceneRole.TARGET):
         before, after = (np.array([shown_pixels(rec, k, role) for k in range(len(rec))]) for rec in (usual, hidden))
         assert np.all(after <= before * 1.05 + 3)  # nothing comes to light
         half_hidden |= (after <= before / 2) & (before > 0)
@@ -270,7 +274,7 @@ def test_occlusion_hides_half_of_object_or_target_for_a_third_of_the_time(
 @pytest.mark.parametrize("task", TASKS)
 def test_the_object_is_out_of_the_picture_for_a_quarter_of_the_time(recorded: Recorded, task: str, seed: int) -> None:
     recording = recorded(task, "outside_fov", seed, stride=6, actor="robot", outside_fov=True)
-    shown = np.array([shown_pixels(recording, k, Role.OBJECT, every=2) for k in range(len(recording))])
+    shown = np.array([shown_pixels(recording, k, SceneRole.OBJECT, every=2) for k in range(len(recording))])
     assert np.mean(shown == 0) >= 0.25
     assert shown[0] > 0
     assert shown[-1] > 0

@@ -19,7 +19,7 @@ def test_exposure_scales_and_the_seed_decides_the_noise() -> None:
 
 
 def test_the_noise_grows_with_the_root_of_the_light() -> None:
-    # The read noise squared and a share of the light add; what the colour filter blurs away is made up for.
+    # The read noise squared and a share of the light add; what the color filter blurs away is made up for.
     for level in (20, 80, 200):
         spread = expose(flat(level), 1.0, np.random.default_rng(0)).astype(float).std()
         np.testing.assert_allclose(spread, np.sqrt(1.2**2 + 0.16**2 * level), rtol=0.15)
@@ -43,7 +43,7 @@ def test_the_exposure_drifts_slowly_by_a_few_percent() -> None:
         assert np.ptp(exposures) > 0.02
 
 
-def test_a_jpeg_in_the_right_colours() -> None:
+def test_a_jpeg_in_the_right_colors() -> None:
     image = flat(0)
     image[:, :80] = (200, 40, 90)
     decoded = cv2.imdecode(np.frombuffer(compress(image), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]

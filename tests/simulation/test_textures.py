@@ -13,32 +13,32 @@ from geoskill.simulation.textures import SIZE
 GREY = (150, 140, 130)
 KINDS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
     "print": partial(textures.print_on_card, paper=GREY),
-    "wood": partial(textures.wood, colour=GREY),
-    "felt": partial(textures.felt, colour=GREY),
-    "stone": partial(textures.stone, colour=GREY),
+    "wood": partial(textures.wood, color=GREY),
+    "felt": partial(textures.felt, color=GREY),
+    "stone": partial(textures.stone, color=GREY),
     "cloth": partial(textures.printed_cloth, ground=GREY),
     "stripes": partial(textures.striped_print, paper=GREY, along=(0.3, 0.7), across=(0.5,)),
-    "metal": partial(textures.metal, colour=GREY),
-    "skin": partial(textures.skin, colour=GREY),
+    "metal": partial(textures.metal, color=GREY),
+    "skin": partial(textures.skin, color=GREY),
 }
 
 
 def corners(image: np.ndarray) -> int:
     """How many corners a detector finds after a little blur, at the strength of a clear one."""
-    grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), 2.0)
-    response = cv2.cornerMinEigenVal(grey, 7)
+    gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), 2.0)
+    response = cv2.cornerMinEigenVal(gray, 7)
     peaks = (response == cv2.dilate(response, np.ones((15, 15)))) & (response > 1e-3)
     return int(peaks.sum())
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_size_colour_and_seed(kind: str) -> None:
+def test_size_color_and_seed(kind: str) -> None:
     image = KINDS[kind](np.random.default_rng(0))
     assert (image.shape, image.dtype) == ((SIZE, SIZE, 3), np.uint8)
     np.testing.assert_array_equal(image, KINDS[kind](np.random.default_rng(0)))
     assert np.abs(image.astype(int) - KINDS[kind](np.random.default_rng(1))).mean() > 1
     np.testing.assert_allclose(np.median(image, axis=(0, 1)), GREY, atol=20)
-    assert image.reshape(-1, 3).std(axis=0).min() > 2  # no real surface is of one colour
+    assert image.reshape(-1, 3).std(axis=0).min() > 2  # no real surface is of one color
 
 
 @pytest.mark.parametrize("rich", ["print", "stripes", "cloth"])

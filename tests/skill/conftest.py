@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from geoskill.skill.description import build
+from geoskill.skill.spec import build
 
 
 @pytest.fixture(scope="session")

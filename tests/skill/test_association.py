@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geoskill.geometry.primitives import NodeType
-from geoskill.skill.association import Association, InferenceResult, Node, without_doubtful
+from geoskill.skill.association import Association, InferenceResult, Node, abstain_below
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 
@@ -49,9 +49,9 @@ def test_numbers_are_rounded_to_what_can_be_meant() -> None:
     assert line["error"] == [-0.3333, 0.6667]
 
 
-def test_the_centre_of_a_point_and_of_a_segment() -> None:
-    assert Node(POINT, (3.0, -4.5)).centre == (3.0, -4.5)
-    assert Node(LINE, (1.0, 2.0, 4.0, 8.0)).centre == (2.5, 5.0)
+def test_the_center_of_a_point_and_of_a_segment() -> None:
+    assert Node(POINT, (3.0, -4.5)).center == (3.0, -4.5)
+    assert Node(LINE, (1.0, 2.0, 4.0, 8.0)).center == (2.5, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -77,13 +77,13 @@ def test_a_doubtful_member_selects_nothing_and_says_so() -> None:
     second = Association("p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
     reasons = {("l2l", "lbd"): "no instance: 1 lines found"}
     result = InferenceResult((doubtful, second, sure), {}, reasons)
-    left = without_doubtful(result, 0.2)
+    left = abstain_below(result, 0.2)
     assert left.associations == (sure,)
     np.testing.assert_array_equal(left.error, [-2.0, -2.0])
     assert left.reasons == {
         ("l2l", "lbd"): "no instance: 1 lines found",
         ("p2p", "sift"): "no association visible: the selected one has a confidence of 0.12, less than 0.2",
     }
-    assert without_doubtful(result, 0.125) is result, "what has just the confidence is selected"
-    nothing = without_doubtful(result, 1.0)
+    assert abstain_below(result, 0.125) is result, "what has just the confidence is selected"
+    nothing = abstain_below(result, 1.0)
     assert (nothing.associations, nothing.error.shape) == ((), (0,))

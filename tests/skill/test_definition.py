@@ -20,7 +20,7 @@ from geoskill.skill.definition import LISTED, SAME_FEATURE, TaskDefinition
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 EXTRACTORS = {POINT: "sift", LINE: "lbd"}
-# Unit descriptors; the first two are views of one feature, all others are strangers.
+# Unit descriptors; the first two are views of one feature, all others are negatives.
 CUP, CUP_AGAIN, SHELF, HAND = (
     np.array(numbers, np.float32) for numbers in ([1, 0, 0, 0], [0.8, 0.6, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1])
 )
@@ -132,7 +132,7 @@ def test_both_features_must_be_alike() -> None:
 
 @pytest.mark.parametrize("order", [(0, 60), (60, 0)])
 def test_an_association_joins_the_group_it_resembles_most(order: tuple[int, int]) -> None:
-    """Two strangers 60 degrees apart, and a view 20 degrees from one and 40 from the other."""
+    """Two negatives 60 degrees apart, and a view 20 degrees from one and 40 from the other."""
 
     def turned(angle_deg: float) -> np.ndarray:
         angle = np.radians(angle_deg)

@@ -11,9 +11,9 @@ import torch
 
 from geoskill import Skill as PublicSkill
 from geoskill.errors import InputError
-from geoskill.skill.description import build
 from geoskill.skill.skill import Skill, read_checkpoint
-from geoskill.skill.steady import SteadySkill
+from geoskill.skill.spec import build
+from geoskill.skill.temporal_filter import TemporalFilter
 
 
 @pytest.fixture
@@ -233,7 +233,7 @@ def test_confidence_asks_how_far_a_score_is_ahead_of_what_it_was_in_the_demonstr
     observed = skill.observe(frame).members["p2p_sift"]
     lead = observed.scores.max() - observed.scores.mean()
     for usual, expected in ((lead, 0.9885), (2 * lead, 0.3788), (10 * lead, 0.0115)):
-        skill.members["p2p_sift"].set_usual_lead(usual)
+        skill.members["p2p_sift"].set_reference_margin(usual)
         result = skill.infer(frame)
         assert result.associations[0].confidence == pytest.approx(expected, abs=1e-4)
         confidences = [a.confidence for a in result.associations if a.kernel == "p2p"]
@@ -294,7 +294,7 @@ def test_features_that_have_been_extracted_are_taken(
     skill: Skill, frame: np.ndarray, demonstration_frames: Any
 ) -> None:
     other = demonstration_frames[-1]
-    for selecting in (skill.infer, SteadySkill(skill).infer):
+    for selecting in (skill.infer, TemporalFilter(skill).infer):
         assert selecting(frame, skill.extract(frame)).associations == skill.infer(frame).associations
     assert skill.infer(frame, skill.extract(other)).associations == skill.infer(other).associations
     assert skill.infer(other).associations != skill.infer(frame).associations
@@ -351,15 +351,15 @@ def test_the_smallest_frames(skill: Skill) -> None:
 
 def test_the_node_that_moves_comes_first_and_decides_the_sign(skill: Skill, frame: np.ndarray) -> None:
     member = skill.members["p2p_sift"]
-    mover = torch.randn(128, generator=torch.Generator().manual_seed(0))
-    member.set_mover(mover)
+    node_order = torch.randn(128, generator=torch.Generator().manual_seed(0))
+    member.set_node_order(node_order)
     listed = [item for item in skill.infer(frame).associations if item.kernel == "p2p"]
     descriptors = torch.from_numpy(skill.infer(frame).features["sift"].descriptors)
-    member.set_mover(-mover)
+    member.set_node_order(-node_order)
     opposite = [item for item in skill.infer(frame).associations if item.kernel == "p2p"]
     for one, other in zip(listed, opposite, strict=True):
         assert one.nodes == other.nodes[::-1]
         assert one.error == tuple(-component for component in other.error)
         assert one.confidence == other.confidence
-        first, second = (descriptors[node.feature] @ mover for node in one.nodes)
+        first, second = (descriptors[node.feature] @ node_order for node in one.nodes)
         assert first > second

@@ -156,7 +156,7 @@ def types_within(value: Any) -> list[type]:
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "as usual": {},
-    "Monte Carlo": {"partition": "monte_carlo", "first_samples": 50, "second_samples": 50},
+    "Monte Carlo": {"partition": "monte_carlo", "value_samples": 50, "gradient_samples": 50},
     "the paper's reward": {"reward": "frame", "change": "absolute", "error_reduction": "vector"},
     "absolute change": {"change": "absolute"},
 }

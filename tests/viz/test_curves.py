@@ -55,14 +55,14 @@ def test_lines_of_training_equal_the_table(table: Path) -> None:
     assert legend(figure) == ["p2p_sift", "l2l_lbd"]
 
 
-def test_a_member_has_one_colour_in_every_panel(table: Path) -> None:
+def test_a_member_has_one_color_in_every_panel(table: Path) -> None:
     figure = training_figure(read_training(table))
-    colours = {
+    colors = {
         label: {line.get_color() for axes in figure.axes for line in axes.get_lines() if line.get_label() == label}
         for label in ("p2p_sift", "l2l_lbd")
     }
-    assert all(len(found) == 1 for found in colours.values())
-    assert colours["p2p_sift"] != colours["l2l_lbd"]
+    assert all(len(found) == 1 for found in colors.values())
+    assert colors["p2p_sift"] != colors["l2l_lbd"]
 
 
 def test_many_members_are_told_apart() -> None:

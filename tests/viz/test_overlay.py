@@ -1,4 +1,4 @@
-"""Pixels of the overlay: where lines lie, in which colours, and how long the bars are."""
+"""Pixels of the overlay: where lines lie, in which colors, and how long the bars are."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, Node
 from geoskill.viz import overlay
-from geoskill.viz.overlay import OTHER_COLOURS, TOP_COLOUR, draw_overlay, rank_colour
+from geoskill.viz.overlay import OTHER_COLORS, TOP_COLOR, draw_overlay, rank_color
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
 PANEL_WIDTH = 272
@@ -34,9 +34,9 @@ def feature_set(node_type: NodeType, *rows: tuple[float, ...]) -> FeatureSet:
     return FeatureSet(node_type, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32))
 
 
-def coloured(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """x, y of the pixels that have exactly this colour, ``[k, 2]``."""
-    return np.argwhere((image == colour).all(axis=2))[:, ::-1]
+def colored(image: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """x, y of the pixels that have exactly this color, ``[k, 2]``."""
+    return np.argwhere((image == color).all(axis=2))[:, ::-1]
 
 
 def distance_to_segment(xy: np.ndarray, start: tuple[float, float], end: tuple[float, float]) -> np.ndarray:
@@ -45,9 +45,9 @@ def distance_to_segment(xy: np.ndarray, start: tuple[float, float], end: tuple[f
     return np.asarray(np.linalg.norm(xy - (a + along[:, None] * (b - a)), axis=1))
 
 
-def bar_lengths(output: np.ndarray, colour: tuple[int, int, int], picture_width: int) -> list[int]:
-    """Lengths of the horizontal bars of a colour in the panel, from the top."""
-    filled = (output[:, picture_width:] == colour).all(axis=2).sum(axis=1)
+def bar_lengths(output: np.ndarray, color: tuple[int, int, int], picture_width: int) -> list[int]:
+    """Lengths of the horizontal bars of a color in the panel, from the top."""
+    filled = (output[:, picture_width:] == color).all(axis=2).sum(axis=1)
     rows = np.flatnonzero(filled >= 10)
     groups = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else []
     return [int(np.bincount(filled[group]).argmax()) for group in groups if len(group) >= 5]
@@ -56,7 +56,7 @@ def bar_lengths(output: np.ndarray, colour: tuple[int, int, int], picture_width:
 def test_red_pixels_lie_on_the_segment_between_the_nodes_and_cover_it() -> None:
     start, end = (100.0, 80.0), (400.0, 300.0)
     output = draw_overlay(GREY, [], [association(points(start, end))], frame_index=0)
-    red = coloured(output[:, :640], TOP_COLOUR)
+    red = colored(output[:, :640], TOP_COLOR)
     distance = distance_to_segment(red, start, end)
     to_node = np.min([np.linalg.norm(red - node, axis=1) for node in (start, end)], axis=0)
     assert distance.max() <= DISC_RADIUS
@@ -70,8 +70,8 @@ def test_enlarged_picture_keeps_the_places_of_pixels() -> None:
     image = np.full((160, 160, 3), 128, np.uint8)
     output = draw_overlay(image, [], [association(points((20.0, 30.0), (120.0, 30.0)))], frame_index=0)
     assert output.shape[:2] == (480, 480 + PANEL_WIDTH)
-    red = coloured(output[:, :480], TOP_COLOUR)
-    # Pixel x of the frame covers 3x to 3x + 2 of the output: its centre is 3x + 1.
+    red = colored(output[:, :480], TOP_COLOR)
+    # Pixel x of the frame covers 3x to 3x + 2 of the output: its center is 3x + 1.
     assert distance_to_segment(red, (61, 91), (361, 91)).max() <= DISC_RADIUS
     assert red.mean(axis=0) == pytest.approx([211, 91], abs=0.1)
 
@@ -79,7 +79,7 @@ def test_enlarged_picture_keeps_the_places_of_pixels() -> None:
 def test_lines_are_highlighted_and_linked_between_their_midpoints() -> None:
     first, second = (100.0, 100.0, 200.0, 100.0), (150.0, 300.0, 350.0, 300.0)
     output = draw_overlay(GREY, [], [association(lines(first, second), kernel="l2l")], frame_index=0)
-    red = coloured(output[:, :640], TOP_COLOUR)
+    red = colored(output[:, :640], TOP_COLOR)
     parts = [((100, 100), (200, 100)), ((150, 300), (350, 300)), ((150, 100), (250, 300))]
     distances = np.array([distance_to_segment(red, *part) for part in parts])
     assert distances.min(axis=0).max() <= 3.5
@@ -91,7 +91,7 @@ def test_lines_are_highlighted_and_linked_between_their_midpoints() -> None:
 def test_point_and_line_are_linked_at_the_lines_midpoint() -> None:
     nodes = points((100.0, 100.0)) + lines((300.0, 200.0, 300.0, 400.0))
     output = draw_overlay(GREY, [], [association(nodes, kernel="p2l")], frame_index=0)
-    red = coloured(output[:, :640], TOP_COLOUR)
+    red = colored(output[:, :640], TOP_COLOR)
     on_link = distance_to_segment(red, (100, 100), (300, 300))
     on_line = distance_to_segment(red, (300, 200), (300, 400))
     assert np.minimum(on_link, on_line).max() <= DISC_RADIUS
@@ -101,7 +101,7 @@ def test_point_and_line_are_linked_at_the_lines_midpoint() -> None:
 def test_four_nodes_form_a_ring_that_does_not_cross_itself() -> None:
     corners = ((100.0, 100.0), (300.0, 300.0), (300.0, 100.0), (100.0, 300.0))
     output = draw_overlay(GREY, [], [association(points(*corners), kernel="copl")], frame_index=0)
-    red = coloured(output[:, :640], TOP_COLOUR)
+    red = colored(output[:, :640], TOP_COLOR)
     sides = [((100, 100), (300, 100)), ((300, 100), (300, 300)), ((300, 300), (100, 300)), ((100, 300), (100, 100))]
     assert np.min([distance_to_segment(red, *side) for side in sides], axis=0).max() <= DISC_RADIUS
     for a, b in sides:
@@ -115,9 +115,9 @@ def test_only_the_top_one_and_confident_ones_are_drawn() -> None:
 
     output = draw_overlay(GREY, [], [ranked(1, 0.05), ranked(2, 0.11), ranked(3, 0.1)], frame_index=0)
     picture = output[:, :640]
-    assert set(coloured(picture, TOP_COLOUR)[:, 1]) >= {50}
-    assert set(coloured(picture, OTHER_COLOURS[0])[:, 1]) >= {100}
-    assert len(coloured(output, OTHER_COLOURS[1])) == 0
+    assert set(colored(picture, TOP_COLOR)[:, 1]) >= {50}
+    assert set(colored(picture, OTHER_COLORS[0])[:, 1]) >= {100}
+    assert len(colored(output, OTHER_COLORS[1])) == 0
     assert (picture[140:160] == 128).all()  # the place of the third
 
 
@@ -126,9 +126,9 @@ def test_top_line_is_thicker_and_lies_above_the_others() -> None:
     other = association(points((300.0, 50.0), (300.0, 400.0)), 2, 0.4)
     for order in ([top, other], [other, top]):
         output = draw_overlay(GREY, [], order, frame_index=0)
-        assert tuple(output[200, 300]) == TOP_COLOUR
-        across_top = (output[:, 200] == TOP_COLOUR).all(axis=1).sum()
-        across_other = (output[100, :640] == OTHER_COLOURS[0]).all(axis=1).sum()
+        assert tuple(output[200, 300]) == TOP_COLOR
+        across_top = (output[:, 200] == TOP_COLOR).all(axis=1).sum()
+        across_other = (output[100, :640] == OTHER_COLORS[0]).all(axis=1).sum()
         assert across_top > across_other >= 1
 
 
@@ -139,7 +139,7 @@ def test_bars_are_as_long_as_the_confidences() -> None:
     ]
     output = draw_overlay(GREY, [], ranked, frame_index=0)
     for rank, confidence in ((1, 0.5), (2, 0.25), (3, 0.2)):
-        (length,) = bar_lengths(output, rank_colour(rank), 640)
+        (length,) = bar_lengths(output, rank_color(rank), 640)
         assert length == pytest.approx(confidence * BAR_LENGTH, abs=2)
 
 
@@ -154,14 +154,14 @@ def test_every_kernel_has_a_block_of_bars(bars: int) -> None:
     ]
     output = draw_overlay(GREY, [], associations, frame_index=0, title="ensemble")
     for rank in range(1, bars + 1):
-        lengths = bar_lengths(output, rank_colour(rank), 640)
+        lengths = bar_lengths(output, rank_color(rank), 640)
         assert lengths == pytest.approx([tops[kernel] / rank * BAR_LENGTH for kernel in kernels], abs=4)
 
 
 def test_descriptors_of_one_kernel_are_apart() -> None:
     nodes = points((50.0, 50.0), (300.0, 50.0))
     both = [association(nodes, descriptor="sift"), association(nodes, descriptor="orb", confidence=0.9)]
-    assert len(bar_lengths(draw_overlay(GREY, [], both, frame_index=0), TOP_COLOUR, 640)) == 2
+    assert len(bar_lengths(draw_overlay(GREY, [], both, frame_index=0), TOP_COLOR, 640)) == 2
 
 
 def test_features_are_marked_where_they_are() -> None:
@@ -171,7 +171,7 @@ def test_features_are_marked_where_they_are() -> None:
     ]
     picture = draw_overlay(GREY, sets, [], frame_index=0)[:, :640]
     changed = np.argwhere((picture != 128).any(axis=2))[:, ::-1]
-    to_points = [np.linalg.norm(changed - centre, axis=1) for centre in ((100, 100), (400, 50))]
+    to_points = [np.linalg.norm(changed - center, axis=1) for center in ((100, 100), (400, 50))]
     to_line = distance_to_segment(changed, (200, 300), (260, 300))
     assert np.min([*to_points, to_line], axis=0).max() <= 5.5
     assert all((distance <= 5.5).sum() >= 15 for distance in to_points)
@@ -232,18 +232,18 @@ def test_panel_shows_frame_number_title_and_reasons() -> None:
 
 def test_associations_beyond_the_border_are_clipped() -> None:
     output = draw_overlay(GREY, [], [association(points((-50.0, 200.0), (900.0, 200.0)))], frame_index=0)
-    assert tuple(output[200, 0]) == TOP_COLOUR
-    assert tuple(output[200, 639]) == TOP_COLOUR
+    assert tuple(output[200, 0]) == TOP_COLOR
+    assert tuple(output[200, 639]) == TOP_COLOR
     empty = draw_overlay(GREY, [], [], frame_index=0)
     # The panel's margin beside the picture stays white.
     np.testing.assert_array_equal(output[:, 640:654], empty[:, 640:654])
 
 
 def test_red_is_the_top_ones_alone() -> None:
-    assert rank_colour(1) == TOP_COLOUR
-    others = [rank_colour(rank) for rank in range(2, 11)]
-    assert len({*others, TOP_COLOUR}) == 10
-    assert rank_colour(11) == rank_colour(2)
+    assert rank_color(1) == TOP_COLOR
+    others = [rank_color(rank) for rank in range(2, 11)]
+    assert len({*others, TOP_COLOR}) == 10
+    assert rank_color(11) == rank_color(2)
 
 
 def test_an_error_without_unit_is_printed_without(monkeypatch: pytest.MonkeyPatch) -> None:

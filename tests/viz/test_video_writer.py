@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
-from geoskill.features.video import VideoFile
+from geoskill.io.video import VideoFile
 from geoskill.viz import video_writer
 from geoskill.viz.video_writer import VideoWriter
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
-    """Plain frames, each of another colour; the channels differ, so a swap shows."""
+    """Plain frames, each of another color; the channels differ, so a swap shows."""
     return [np.full((height, width, 3), (20 + 20 * i, 100, 220 - 20 * i), np.uint8) for i in range(count)]
 
 

@@ -33,7 +33,7 @@ class Actor(ABC):
 
     @abstractmethod
     def add(self, spec: mujoco.MjSpec, grip: Grip, looks: np.random.Generator) -> None:
-        """Add the actor to a scene, its body named :data:`BODY`; its parts are added by `looks` in their colours."""
+        """Add the actor to a scene, its body named :data:`BODY`; its parts are added by `looks` in their colors."""
 
     @abstractmethod
     def open(self, model: mujoco.MjModel, data: mujoco.MjData, opening: float) -> None:

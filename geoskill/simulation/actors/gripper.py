@@ -17,7 +17,7 @@ SLOPE_RAD = math.radians(42)
 
 @final
 class Gripper(Actor):
-    """Two fingers that slide apart, on a grey and black arm."""
+    """Two fingers that slide apart, on a gray and black arm."""
 
     def add(self, spec: mujoco.MjSpec, grip: Grip, looks: np.random.Generator) -> None:
         """See :meth:`Actor.add`."""
@@ -31,17 +31,17 @@ class Gripper(Actor):
             finger = tool.add_body(name=name)
             finger.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[side, 0, 0])
             x = side * (width + 0.006)
-            add_box(finger, (0.006, 0.011, 0.046), pose((x, 0.0, 0.030)), colour=dark)
-            add_box(finger, (0.010, 0.014, 0.014), pose((x + side * 0.004, 0.0, 0.082)), colour=shell)
+            add_box(finger, (0.006, 0.011, 0.046), pose((x, 0.0, 0.030)), color=dark)
+            add_box(finger, (0.010, 0.014, 0.014), pose((x + side * 0.004, 0.0, 0.082)), color=shell)
         half_palm = max(width + 0.030, 0.045)
-        add_box(tool, (half_palm, 0.030, 0.022), pose((0, 0, 0.118)), colour=shell)
-        add_box(tool, (half_palm * 0.55, 0.0305, 0.008), pose((0, 0, 0.120)), colour=accent)
+        add_box(tool, (half_palm, 0.030, 0.022), pose((0, 0, 0.118)), color=shell)
+        add_box(tool, (half_palm * 0.55, 0.0305, 0.008), pose((0, 0, 0.120)), color=accent)
         for x in (-0.8 * half_palm, 0.8 * half_palm):
-            add_cylinder(tool, (x, -0.0315, 0.118), (x, 0.0315, 0.118), 0.004, colour=dark)
-        add_cylinder(tool, (0, 0, 0.140), (0, 0, 0.180), 0.032, colour=dark)
-        add_cylinder(tool, (0, 0, 0.180), (0, 0, 0.245), 0.040, colour=shell)
-        add_cylinder(tool, (0, 0, 0.245), (0, 0, 0.256), 0.042, colour=accent)
-        add_cylinder(tool, (0, 0, 0.256), (0, 0.05, 0.75), 0.044, colour=shell)
+            add_cylinder(tool, (x, -0.0315, 0.118), (x, 0.0315, 0.118), 0.004, color=dark)
+        add_cylinder(tool, (0, 0, 0.140), (0, 0, 0.180), 0.032, color=dark)
+        add_cylinder(tool, (0, 0, 0.180), (0, 0, 0.245), 0.040, color=shell)
+        add_cylinder(tool, (0, 0, 0.245), (0, 0, 0.256), 0.042, color=accent)
+        add_cylinder(tool, (0, 0, 0.256), (0, 0.05, 0.75), 0.044, color=shell)
 
     def open(self, model: mujoco.MjModel, data: mujoco.MjData, opening: float) -> None:
         """See :meth:`Actor.open`."""

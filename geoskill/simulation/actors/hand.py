@@ -24,9 +24,9 @@ class Hand(Actor):
     def add(self, spec: mujoco.MjSpec, grip: Grip, looks: np.random.Generator) -> None:
         """See :meth:`Actor.add`."""
         tone = looks.uniform(0.75, 1.05)
-        colour = (215 * tone, 165 * tone, 138 * tone)
-        flesh = textured(spec, "skin", skin(looks, colour), (40, 40), per_metre=True, shine=0.2)
-        sleeve = textured(spec, "sleeve", felt(looks, tuple(looks.uniform(40, 130, 3))), (12, 12), per_metre=True)
+        color = (215 * tone, 165 * tone, 138 * tone)
+        flesh = textured(spec, "skin", skin(looks, color), (40, 40), per_meter=True, shine=0.2)
+        sleeve = textured(spec, "sleeve", felt(looks, tuple(looks.uniform(40, 130, 3))), (12, 12), per_meter=True)
         root = add_root(spec)
         width = grip.half_width_m
         palm_y, wrist = 0.066, (0.004, 0.125, 0.022)

@@ -1,6 +1,6 @@
 """A flexible sheet on the table, and how its edge is led.
 
-The sheet is a MuJoCo flex: a grid of vertices that are pulled by their neighbours when the sheet is stretched or bent.
+The sheet is a MuJoCo flex: a grid of vertices that are pulled by their neighbors when the sheet is stretched or bent.
 Nothing in a scene collides, so what the sheet lies on is left to this module: the table, and its own lower layer.
 """
 
@@ -41,12 +41,12 @@ class Sheet(Carrying):
     Attributes:
         name: of the flex, and of the body that it belongs to.
         placed: pose of the sheet's frame in the world.
-        half: half sizes along x and y, metres.
+        half: half sizes along x and y, meters.
         fixed: up to this x the sheet stays where it is.
         crease: the x of the fold; what is beyond comes to lie on what is before.
         pinched: from which to which y the edge is held.
         rolls: of the led pose about the sheet's y axis, falling from the start to the goal, radians.
-        slopes: how steeply the sheet rises towards its edge at each of these; half a turn when it lies upside down.
+        slopes: how steeply the sheet rises toward its edge at each of these; half a turn when it lies upside down.
     """
 
     name: str

@@ -10,8 +10,9 @@ import numpy as np
 from geoskill.geometry.poses import pose, rotation_about, table_pose
 from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.parts import textured
+from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks.cloth import RADIUS, Sheet
-from geoskill.simulation.tasks.task import INFINITE, Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.tasks.task import INFINITE, RolePart, TablePlace, Task, TaskScene
 from geoskill.simulation.textures import Texture, print_on_card, printed_cloth
 
 NAME = "cloth"
@@ -69,8 +70,8 @@ class Folding(Task):
             carrying=sheet,
             extent=(corners - landing) @ last,
             roles=(
-                RolePart(NAME, Role.OBJECT, lower=(END, -INFINITE, -INFINITE)),
-                RolePart(NAME, Role.TARGET, (MARK[0], -HALF_MARK, -INFINITE), (MARK[1], HALF_MARK, INFINITE)),
+                RolePart(NAME, SceneRole.OBJECT, lower=(END, -INFINITE, -INFINITE)),
+                RolePart(NAME, SceneRole.TARGET, (MARK[0], -HALF_MARK, -INFINITE), (MARK[1], HALF_MARK, INFINITE)),
             ),
             cloth=NAME,
         )
@@ -81,13 +82,13 @@ def _print(looks: np.random.Generator) -> Texture:
     width, height = (round(2 * half * PIXELS_PER_METRE) for half in HALF)
     cloth = cv2.resize(printed_cloth(looks, tuple(looks.uniform(150, 205, 3))), (width, height))
     left, right, top, bottom = (
-        round(metres * PIXELS_PER_METRE)
-        for metres in (MARK[0] + HALF[0], MARK[1] + HALF[0], HALF[1] - HALF_MARK, HALF[1] + HALF_MARK)
+        round(meters * PIXELS_PER_METRE)
+        for meters in (MARK[0] + HALF[0], MARK[1] + HALF[0], HALF[1] - HALF_MARK, HALF[1] + HALF_MARK)
     )
     size = (right - left, bottom - top)
     paper = looks.uniform(165, 215, 3)
     mark = cv2.resize(print_on_card(looks, tuple(paper), 34), size, interpolation=cv2.INTER_AREA)
-    # Paler than the end, which is seen at a slant and in shade while it is carried: both are to be recognised.
+    # Paler than the end, which is seen at a slant and in shade while it is carried: both are to be recognized.
     cloth[top:bottom, left:right] = (PALE * mark + (1 - PALE) * paper).astype(np.uint8)
     begin = round((END + HALF[0]) * PIXELS_PER_METRE)
     cloth[top:bottom, begin:] = mark[:, ::-1][:, : width - begin]

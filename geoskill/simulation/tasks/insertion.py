@@ -10,7 +10,8 @@ from jaxtyping import UInt8
 from geoskill.geometry.poses import Pose, pose, rotation_about, table_pose
 from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.parts import add_box, add_cylinder, add_printed_box, moving_body, textured
-from geoskill.simulation.tasks.task import Rigid, Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import Rigid, RolePart, TablePlace, Task, TaskScene
 from geoskill.simulation.textures import print_on_card, striped_print
 
 Picture = UInt8[np.ndarray, "height width 3"]
@@ -73,7 +74,7 @@ class Insertion(Task):
             grip=Grip(held_at, HALF_BLOCK[0]),
             carrying=Rigid(OBJECT),
             extent=extent - np.array([0.0, NEAR + STOP + GAP + HALF_BLOCK[1], FLOOR + HALF_BLOCK[2]]),
-            roles=(RolePart(OBJECT, Role.OBJECT), RolePart(TARGET, Role.TARGET)),
+            roles=(RolePart(OBJECT, SceneRole.OBJECT), RolePart(TARGET, SceneRole.TARGET)),
         )
 
 
@@ -83,7 +84,7 @@ def _add_holder(spec: mujoco.MjSpec, holder: Pose, sheet: Picture, looks: np.ran
     cheek = (half_x - HALF_SLOT) / 2
     body = moving_body(spec, TARGET, holder)
     wall = (0.30, 0.27, 0.25)
-    add_box(body, (HALF_SLOT, half_y, FLOOR / 2), pose((0, 0, FLOOR / 2)), colour=wall)
+    add_box(body, (HALF_SLOT, half_y, FLOOR / 2), pose((0, 0, FLOOR / 2)), color=wall)
     front = _strip(print_on_card(looks, (205, 200, 190), 16), (2 * half_x, TOP))
     scale = front.shape[1] / (2 * half_x)
     for name, middle, half_width, far in (
@@ -126,8 +127,8 @@ def _add_distractors(spec: mujoco.MjSpec, looks: np.random.Generator) -> None:
         edge = tuple(np.array(paper) / 300)
         add_printed_box(moving_body(spec, f"distractor_{name}", place), half, faces, edge, np.eye(4))
     tin = moving_body(spec, "distractor_tin", table_pose(-0.23, -0.13, 0.0))
-    colour = tuple(looks.uniform(0.2, 0.7, 3))
-    add_cylinder(tin, (0, 0, 0), (0, 0, 0.030), 0.020, colour=colour)
+    color = tuple(looks.uniform(0.2, 0.7, 3))
+    add_cylinder(tin, (0, 0, 0), (0, 0, 0.030), 0.020, color=color)
 
 
 def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Part:

@@ -11,7 +11,8 @@ from jaxtyping import UInt8
 from geoskill.geometry.poses import Pose, pose, rotation_about, table_pose
 from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.parts import add_box, add_cylinder, add_printed_box, moving_body, textured
-from geoskill.simulation.tasks.task import Rigid, Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import Rigid, RolePart, TablePlace, Task, TaskScene
 from geoskill.simulation.textures import metal
 
 Picture = UInt8[np.ndarray, "height width 3"]
@@ -51,7 +52,7 @@ class Screw(Task):
         _add_plate(spec, plate, number, looks)
         _add_screwdriver(spec, looks)
         _add_distractors(spec, looks)
-        # To the right, since the camera sees that better than a lean away from it or towards it.
+        # To the right, since the camera sees that better than a lean away from it or toward it.
         lean = rotation_about(np.array([take.uniform(-0.15, 0.1), take.uniform(0.25, 0.55), 0.0]))
         goal = plate @ pose((*_hole(number), 2 * HALF_PLATE[2] - DEPTH))
         sides = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
@@ -68,7 +69,7 @@ class Screw(Task):
             grip=Grip(held_at, HANDLE_RADIUS),
             carrying=Rigid(OBJECT),
             extent=corners - np.array([*_hole(number), 2 * HALF_PLATE[2] - DEPTH]),
-            roles=(RolePart(OBJECT, Role.OBJECT), RolePart(TARGET, Role.TARGET)),
+            roles=(RolePart(OBJECT, SceneRole.OBJECT), RolePart(TARGET, SceneRole.TARGET)),
         )
 
 
@@ -107,19 +108,19 @@ def _add_plate(spec: mujoco.MjSpec, plate: Pose, marked: int, looks: np.random.G
 def _add_screwdriver(spec: mujoco.MjSpec, looks: np.random.Generator) -> None:
     """A handle with eight sides, a label on the front one, and a shaft."""
     body = moving_body(spec, OBJECT)
-    steel = textured(spec, "steel", metal(looks, (150, 150, 155)), (60, 60), per_metre=True, shine=0.5)
-    plastic, grey, yellow = tuple(looks.uniform(0.08, 0.6, 3)), (0.16, 0.16, 0.17), (0.80, 0.72, 0.20)
-    add_cylinder(body, (0, 0, 0), (0, 0, TIP), 0.0034, colour=grey)
+    steel = textured(spec, "steel", metal(looks, (150, 150, 155)), (60, 60), per_meter=True, shine=0.5)
+    plastic, gray, yellow = tuple(looks.uniform(0.08, 0.6, 3)), (0.16, 0.16, 0.17), (0.80, 0.72, 0.20)
+    add_cylinder(body, (0, 0, 0), (0, 0, TIP), 0.0034, color=gray)
     add_cylinder(body, (0, 0, TIP), (0, 0, SHAFT), 0.0045, steel)
-    add_cylinder(body, (0, 0, 0.045), (0, 0, 0.052), 0.0049, colour=yellow)
-    add_cylinder(body, (0, 0, SHAFT), (0, 0, HANDLE), 0.0095, colour=grey)
+    add_cylinder(body, (0, 0, 0.045), (0, 0, 0.052), 0.0049, color=yellow)
+    add_cylinder(body, (0, 0, SHAFT), (0, 0, HANDLE), 0.0095, color=gray)
     middle, half_length = (HANDLE + LENGTH) / 2, (LENGTH - HANDLE) / 2
     flat = HANDLE_RADIUS * math.tan(math.pi / 8)
     for number in range(4):
         turn = rotation_about(np.array([0.0, 0.0, number * math.pi / 4]))
-        add_box(body, (HANDLE_RADIUS, flat, half_length), pose((0, 0, middle), turn), colour=plastic)
-    add_cylinder(body, (0, 0, HANDLE + 0.006), (0, 0, HANDLE + 0.012), HANDLE_RADIUS * 1.09, colour=yellow)
-    add_cylinder(body, (0, 0, LENGTH), (0, 0, LENGTH + 0.004), HANDLE_RADIUS * 0.8, colour=yellow)
+        add_box(body, (HANDLE_RADIUS, flat, half_length), pose((0, 0, middle), turn), color=plastic)
+    add_cylinder(body, (0, 0, HANDLE + 0.006), (0, 0, HANDLE + 0.012), HANDLE_RADIUS * 1.09, color=yellow)
+    add_cylinder(body, (0, 0, LENGTH), (0, 0, LENGTH + 0.004), HANDLE_RADIUS * 0.8, color=yellow)
     label = _label(looks)
     half_label = (flat * 0.9, 0.022)
     upright = np.column_stack([(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)])
@@ -148,8 +149,8 @@ def _add_distractors(spec: mujoco.MjSpec, looks: np.random.Generator) -> None:
     for number, (x, y) in enumerate(((0.02, -0.185), (0.055, -0.165), (-0.25, 0.15))):
         turn = looks.uniform(-math.pi, math.pi)
         body = moving_body(spec, f"distractor_screw_{number}", table_pose(x, y, turn, 0.005))
-        add_cylinder(body, (0, 0, 0), (0.026, 0, -0.0025), 0.0025, colour=steel)
-        add_cylinder(body, (-0.003, 0, 0), (0, 0, 0), 0.005, colour=(0.35, 0.35, 0.36))
+        add_cylinder(body, (0, 0, 0), (0.026, 0, -0.0025), 0.0025, color=steel)
+        add_cylinder(body, (-0.003, 0, 0), (0, 0, 0), 0.005, color=(0.35, 0.35, 0.36))
     box = moving_body(spec, "distractor_box", table_pose(-0.225, -0.180, 0.4))
     lid = textured(spec, "box", metal(looks, tuple(looks.uniform(60, 150, 3)))[:384])
     add_printed_box(box, (0.030, 0.022, 0.012), {"+z": lid}, tuple(looks.uniform(0.2, 0.5, 3)), pose((0, 0, 0.012)))

@@ -1,6 +1,6 @@
 """A printed box goes onto the tile of a tray that matches it.
 
-They match in the colour of their paper. Were the prints the same, nothing that looks at single features could tell
+They match in the color of their paper. Were the prints the same, nothing that looks at single features could tell
 those of the box from those of the tile.
 """
 
@@ -12,7 +12,8 @@ import numpy as np
 from geoskill.geometry.poses import pose, rotation_about, table_pose
 from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.parts import add_box, add_printed_box, moving_body, textured
-from geoskill.simulation.tasks.task import Rigid, Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.tasks.task import Rigid, RolePart, TablePlace, Task, TaskScene
 from geoskill.simulation.textures import print_on_card, wood
 
 # The tile is larger than the box, so that what the box is brought to can still be seen when it is there.
@@ -89,5 +90,5 @@ class Sorting(Task):
             grip=Grip(held_at, HALF_BOX[0]),
             carrying=Rigid(OBJECT),
             extent=np.array([[x, y, -HALF_BOX[2]] for x in (-HALF_TILE, HALF_TILE) for y in (-HALF_TILE, HALF_TILE)]),
-            roles=(RolePart(OBJECT, Role.OBJECT), RolePart(TARGET, Role.TARGET)),
+            roles=(RolePart(OBJECT, SceneRole.OBJECT), RolePart(TARGET, SceneRole.TARGET)),
         )

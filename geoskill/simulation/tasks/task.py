@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import final
 
 import mujoco
@@ -12,18 +11,10 @@ from jaxtyping import Float64
 from geoskill.geometry.poses import Pose
 from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.parts import place
+from geoskill.simulation.roles import SceneRole
 
 Corner = tuple[float, float, float]
 INFINITE = float("inf")
-
-
-@final
-class Role(StrEnum):
-    """What a part of the scene is to the task."""
-
-    OBJECT = "object"
-    TARGET = "target"
-    ACTOR = "actor"
 
 
 @final
@@ -32,7 +23,7 @@ class RolePart:
     """A part of a body that has a role: what lies in a box in the body's frame, by default all of it."""
 
     body: str
-    role: Role
+    role: SceneRole
     lower: Corner = (-INFINITE, -INFINITE, -INFINITE)
     upper: Corner = (INFINITE, INFINITE, INFINITE)
 
@@ -40,7 +31,7 @@ class RolePart:
 @final
 @dataclass(frozen=True)
 class TablePlace:
-    """Where something stands on the table: metres to the right of and behind its middle, and how it is turned."""
+    """Where something stands on the table: meters to the right of and behind its middle, and how it is turned."""
 
     x: float
     y: float
@@ -100,8 +91,8 @@ class TaskScene:
     Attributes:
         start: pose of the carried thing on the first frame.
         goal: on the last frame.
-        approach: from the goal to where the thing is before the last straight stretch, in metres in the world.
-        height: how high the path rises above the higher one of its ends, in metres.
+        approach: from the goal to where the thing is before the last straight stretch, in meters in the world.
+        height: how high the path rises above the higher one of its ends, in meters.
         grip: how the carried thing is held.
         carrying: how it follows.
         extent: corners of the target and what comes to lie on it, in the frame of the goal; what is to be hidden.
@@ -143,6 +134,6 @@ class Task(ABC):
             spec: the scene.
             target: how the target is moved from its usual place.
             start: how the object's start is.
-            looks: draws everything by which the things are recognised; the same in all recordings of a seed.
+            looks: draws everything by which the things are recognized; the same in all recordings of a seed.
             take: draws what differs from recording to recording, such as where the object is held.
         """

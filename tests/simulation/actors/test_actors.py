@@ -86,7 +86,7 @@ def test_the_arm_comes_from_behind_and_above(actor: Actor) -> None:
 
 
 def test_hand_and_gripper_look_different() -> None:
-    """The hand is skin and sleeve, the gripper neither; another seed has other colours."""
+    """The hand is skin and sleeve, the gripper neither; another seed has other colors."""
     hand, gripper = model_of(Hand()), model_of(Gripper())
     assert {hand.mat(number).name for number in range(hand.nmat)} == {"skin", "sleeve"}
     assert gripper.nmat == 0

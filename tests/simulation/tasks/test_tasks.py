@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from geoskill.geometry.poses import inverse, table_pose, transform
+from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks import folding, insertion, screw, sorting
-from geoskill.simulation.tasks.task import Role, RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.tasks.task import RolePart, TablePlace, Task, TaskScene
 
 TASKS = ["sorting", "insertion", "folding", "screw"]
 MIDDLE = TablePlace(0.0, 0.0, 0.0)
@@ -45,7 +46,7 @@ def test_scene(task_called: Callable[[str], Task], name: str) -> None:
         assert matrix[2, 3] > 0
     assert np.linalg.norm(scene.start[:3, 3] - scene.goal[:3, 3]) > 0.1
     roles = {part.role for part in scene.roles}
-    assert roles == {Role.OBJECT, Role.TARGET}
+    assert roles == {SceneRole.OBJECT, SceneRole.TARGET}
     assert all(part.body in there for part in scene.roles)
     assert scene.approach[2] > 0
     assert (scene.cloth is None) == (name != "folding")
@@ -62,7 +63,7 @@ def test_looks_stay_and_takes_differ(task_called: Callable[[str], Task], name: s
     other_looks, _ = build(task, looks=1)
     np.testing.assert_array_equal(model.tex_data, again.tex_data)
     np.testing.assert_array_equal(scene.grip.pose, same.grip.pose)
-    # What is drawn for a take does not change what things look like, by which they are recognised.
+    # What is drawn for a take does not change what things look like, by which they are recognized.
     np.testing.assert_array_equal(model.tex_data, other_take.tex_data)
     np.testing.assert_array_equal(model.geom_rgba, other_take.geom_rgba)
     assert np.any(scene.grip.pose != otherwise_held.grip.pose)
@@ -129,5 +130,5 @@ def test_the_end_of_the_cloth_is_the_mirror_image_of_its_mark() -> None:
     # Folded at the crease, a point of the end comes to lie as far on the other side of it.
     assert end.lower[0] == pytest.approx(2 * folding.CREASE - mark.upper[0])
     assert 2 * folding.CREASE - folding.HALF[0] == pytest.approx(folding.LANDING)
-    assert mark == RolePart(folding.NAME, Role.TARGET, mark.lower, mark.upper)
+    assert mark == RolePart(folding.NAME, SceneRole.TARGET, mark.lower, mark.upper)
     assert -folding.HALF[0] < mark.lower[0] < folding.LANDING < mark.upper[0] < folding.CREASE

@@ -1,0 +1,149 @@
+"""The files of a run that say what a skill selected: associations, overlay, definition and figures."""
+
+import json
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from geoskill.cli.inputs import Infer
+from geoskill.cli.progress import show_progress
+from geoskill.errors import InputError
+from geoskill.features.feature_set import FeatureSet
+from geoskill.io.atomic import atomic_open
+from geoskill.io.camera import Camera
+from geoskill.io.frames import Frame, FrameSource
+from geoskill.io.prefetch import prefetch_map
+from geoskill.skill.association import InferenceResult
+from geoskill.skill.definition import TaskDefinition
+from geoskill.skill.skill import Skill
+from geoskill.viz.curves import plot_inference
+from geoskill.viz.overlay import draw_overlay
+from geoskill.viz.video_writer import VideoWriter
+
+
+def write_inference(
+    skill: Skill,
+    infer: Infer,
+    frames: Iterable[Frame],
+    source: FrameSource,
+    folder: Path,
+    minimum_weight: float,
+    metrics: Mapping[str, int | float],
+    threads: int,
+) -> dict[str, Any]:
+    """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
+
+    Ctrl-C is how a camera's frames end. When they end by Ctrl-C otherwise, or because the source is damaged, everything
+    up to there is written first, unless ``folder`` holds earlier results: those stay.
+
+    Args:
+        skill: has the members.
+        infer: selects the associations.
+        frames: one after the other; may be endless.
+        source: gives the name and the frame rate.
+        folder: an existing folder.
+        minimum_weight: of the select-out; other associations than the best are not drawn below it.
+        metrics: figures to add where there are none of the same name.
+        threads: of how many frames the features are extracted at once, while associations are selected in another;
+            with one, each frame is done with before the next is read.
+
+    Raises:
+        InputError: where the source is damaged.
+        KeyboardInterrupt: after Ctrl-C, unless the source is a camera.
+    """
+    definition = TaskDefinition(skill.members)
+    history: list[tuple[int, str, float, float]] = []
+    count = 0
+    failure: BaseException | None = None
+    title = Path(source.name).name
+    total = len(frames) if isinstance(frames, Sized) else None
+    with (
+        atomic_open(folder / "associations.jsonl") as lines,
+        VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
+        closing(extracted_ahead(skill, frames, threads, live=isinstance(source, Camera))) as extracted,
+    ):
+        try:
+            for frame, features in show_progress(extracted, "selecting associations", total):
+                result = infer(frame.image, features)
+                for line in association_lines(frame, result):
+                    lines.write(json.dumps(line) + "\n")
+                video.write(
+                    draw_overlay(
+                        frame.image,
+                        list(result.features.values()),
+                        result.associations,
+                        frame_index=frame.index,
+                        title=title,
+                        minimum_weight=minimum_weight,
+                        reasons=[f"{kernel}: {reason}" for (kernel, _), reason in result.reasons.items()],
+                    )
+                )
+                definition.add(frame.index, result)
+                for association in result.associations:
+                    if association.rank == 1:
+                        norm = float(np.linalg.norm(association.error))
+                        member = "_".join((association.kernel, *association.descriptor.split("+")))
+                        history.append((frame.index, member, association.confidence, norm))
+                count += 1
+        except (KeyboardInterrupt, InputError) as error:
+            if not (isinstance(error, KeyboardInterrupt) and isinstance(source, Camera)):
+                if count == 0 or (folder / "associations.jsonl").exists():
+                    raise
+                failure = error
+    summary: dict[str, Any] = {
+        "source": source.name,
+        "frames": count,
+        "frames_with_association": len({row[0] for row in history}),
+        "mean_confidence": float(np.mean([row[2] for row in history])) if history else None,
+    }
+    summary = {**summary, **metrics, **summary}
+    described = {"source": source.name, **definition.as_dict()}
+    with atomic_open(folder / "skill.yaml") as file:
+        yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
+    with atomic_open(folder / "metrics.json") as file:
+        json.dump(summary, file, indent=2)
+    plot_inference(history, folder / "inference.png")
+    if failure is not None:
+        raise failure
+    return summary
+
+
+def extracted_ahead(
+    skill: Skill, frames: Iterable[Frame], threads: int, *, live: bool
+) -> Generator[tuple[Frame, dict[str, FeatureSet]], None, None]:
+    """Frames with their features, read and extracted while those before are in use; to be closed.
+
+    Args:
+        skill: has the extractors.
+        frames: one after the other; may be endless.
+        threads: how many are worked on at once; see :func:`~geoskill.io.prefetch.prefetch_map`.
+        live: no more than one frame is ahead, so that what is selected is never older than the work on two frames
+            takes. Where that takes longer than the camera, the driver keeps a few pictures, and drops the others.
+    """
+
+    def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
+        return frame, skill.extract(frame.image)
+
+    return prefetch_map(extract, frames, threads=threads, ahead=1 if live else None)
+
+
+def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:
+    """The lines of ``associations.jsonl`` for one frame: every association, and a rank 0 for a member without any."""
+    place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
+    for association in result.associations:
+        yield {**place, **association.as_json()}
+    for (kernel, descriptor), reason in result.reasons.items():
+        yield {
+            **place,
+            "kernel": kernel,
+            "descriptor": descriptor,
+            "rank": 0,
+            "confidence": 0.0,
+            "nodes": [],
+            "error": [],
+            "reason": reason,
+        }

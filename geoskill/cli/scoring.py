@@ -1,0 +1,76 @@
+"""Scoring a skill on labeled frames, for the commands that do it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omegaconf import DictConfig
+
+from geoskill.cli.inputs import selection
+from geoskill.cli.progress import show_progress
+from geoskill.errors import InputError
+from geoskill.evaluation.evaluator import evaluate_frames, member_name
+from geoskill.evaluation.labels import Labels
+from geoskill.evaluation.regions import Regions, load_regions
+from geoskill.io.frames import Frame
+from geoskill.skill.skill import Skill
+
+if TYPE_CHECKING:
+    from geoskill.simulation.recording import Recording
+
+# Frames of a demonstration, spread over it, in whose features is looked for what meets.
+ORACLE_FRAMES = 12
+
+
+def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
+    """The labeled regions of these frames, of which every so many are to be judged.
+
+    Raises:
+        InputError: when the regions do not fit the frames, or cover none that is to be judged.
+    """
+    if every < 1:
+        raise InputError(f"every={every}: expected at least 1")
+    height, width = frames[0].image.shape[:2]
+    regions = load_regions(path, (width, height), len(frames))
+    regions.require_judged(len(frames), every)
+    return regions
+
+
+def score(
+    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, inference: DictConfig
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Figures over all judged frames, and a row for each member and judged frame.
+
+    Raises:
+        InputError: when no frame to be judged is labeled, or there is no such selection (:func:`selection`).
+    """
+    return evaluate_frames(
+        frames,
+        selection(skill, inference),
+        labels,
+        [(member.kernel, member.descriptor) for member in skill.members.values()],
+        every=every,
+        continuous=inference.temporal != "none",
+        progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
+    )
+
+
+def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording") -> dict[str, dict[str, Any]]:
+    """By member: how strict a skill could be in a recording that knew all that meets in its demonstration's picture."""
+    from geoskill.evaluation.oracle import oracle
+
+    frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)
+    pictures = {frame: demonstration.picture(frame) for frame in frames}
+    found = {
+        name: {frame: pipeline.extract(picture) for frame, picture in pictures.items()}
+        for name, pipeline in skill.pipelines.items()
+    }
+    return {
+        member_name(member.kernel, member.descriptor): oracle(
+            member.kernel,
+            demonstration,
+            {frame: {kind: found[name][frame] for kind, name in member.extractors.items()} for frame in frames},
+            recording,
+        )
+        for member in skill.members.values()
+    }

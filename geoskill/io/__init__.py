@@ -1,0 +1,1 @@
+"""Frames from files and cameras, and files that are written whole."""

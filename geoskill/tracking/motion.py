@@ -1,0 +1,39 @@
+"""What tracking says about the features of one frame: where they go next, where they came from and where they end."""
+
+from dataclasses import dataclass
+from typing import final
+
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """Positions of a frame's ``n`` features in the other frame of a transition.
+
+    Attributes:
+        next_geometry: ``[n, g]`` in pixels; the frame's own geometry where a feature was lost.
+        tracked: ``[n]``, whether the feature was followed all the way.
+    """
+
+    next_geometry: Float[Tensor, "n g"]
+    tracked: Bool[Tensor, " n"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions of a frame's ``n`` features at ``a`` past frames, the anchors, and at the end of the demonstration.
+
+    Attributes:
+        anchor_xy: ``[n, a, g]`` in pixels; the frame's own geometry where unknown.
+        first_known_anchor: ``[n]``, the first anchor from which on the position is known; ``a`` where it never is.
+        final_xy: ``[n, g]`` in pixels, in the last frame; the frame's own geometry where unknown.
+        final_known: ``[n]``, whether the final position is known.
+    """
+
+    anchor_xy: Float[Tensor, "n a g"]
+    first_known_anchor: Int64[Tensor, " n"]
+    final_xy: Float[Tensor, "n g"]
+    final_known: Bool[Tensor, " n"]

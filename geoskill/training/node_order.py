@@ -1,0 +1,80 @@
+"""Which of two nodes is the one that moves, where the motif cannot tell: it decides the sign of the control error."""
+
+import torch
+from torch import Tensor
+
+from geoskill.data.transitions import Transitions
+from geoskill.geometry.primitives import NodeType
+from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.kernels.kernel import automorphisms
+from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.objective.reward import error_change, reward
+from geoskill.training.error_changes import error_changes
+
+# Assumed at least, as a share of a descriptor's norm: without noise, few features would have no unique solution.
+LEAST_NOISE = 0.1
+
+
+def fit_node_order(
+    members: dict[str, KernelModel],
+    demonstration: Transitions,
+    objective: ObjectiveSettings,
+    descriptor_noise: float,
+) -> None:
+    """Fit each member's ``node_order``, by which :meth:`KernelModel.moving_node_first` lists the nodes of an association.
+
+    A linear regression: of the two nodes of an instance that came closer, w·(f_i - f_j) is to be the difference of
+    their displacements over their sum, weighted by the reward that the instance earned. The sum is taken in expectation
+    over noise on the descriptors, since on another video they differ: that is ridge regression. The reward scale must
+    be fitted. Nothing is fitted for a member none of whose instances earns anything.
+
+    Args:
+        members: by name; those whose motif tells its nodes apart stay as they are.
+        demonstration: the transitions.
+        objective: gives the kind of change that is rewarded.
+        descriptor_noise: norm of the noise over the norm of a descriptor.
+    """
+    noise = max(descriptor_noise, LEAST_NOISE)
+    for name, member in members.items():
+        exchanged = sorted({order[0] for order in automorphisms(member.kernel)} - {0})
+        if not exchanged:
+            continue
+        role = member.kernel.roles[0]
+        width = demonstration.graph_without_negatives(name, 0)[f"{role}_descriptor"].shape[1]
+        moments, products, total = torch.zeros(width, width), torch.zeros(width), 0.0
+        for index in range(len(demonstration)):
+            graph = demonstration.graph_without_negatives(name, index)
+            descriptors = graph[f"{role}_descriptor"]
+            weight = reward(error_changes(member, graph, objective.change), member.beta[int(graph.span_index)])
+            weight = weight.clamp_min(0.0)
+            moved = _displacements(graph, role)
+            for other in exchanged:
+                pairs = graph.instance_index[[0, other]]
+                first, second = moved[pairs]
+                difference = error_change(second, first, "relative", member.kernel.resolution)
+                moment, product = _normal_equations(descriptors, pairs, weight, difference)
+                moments, products = moments + moment, products + product
+                total += float(weight.sum())
+        if total > 0:
+            # Two descriptors, each with noise of this norm spread over its components.
+            ridge = 2 * total * noise**2 / width
+            member.set_node_order(torch.linalg.solve(moments + ridge * torch.eye(width), products))
+
+
+def _displacements(graph: MotifGraph, role: NodeType) -> Tensor:
+    """``[n]``, how far each feature of a type goes in the transition, in pixels; lines by their midpoints."""
+    way = graph[f"{role}_next_geometry"] - graph[f"{role}_geometry"]
+    displacements: Tensor = way.reshape(len(way), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
+    return displacements
+
+
+def _normal_equations(descriptors: Tensor, pairs: Tensor, weight: Tensor, difference: Tensor) -> tuple[Tensor, Tensor]:
+    """Sums of w (f_i - f_j)(f_i - f_j)ᵀ and of w y (f_i - f_j) over the pairs, by the Laplacian of their graph."""
+    count = len(descriptors)
+    adjacency = torch.zeros(count, count).index_put_((pairs[0], pairs[1]), weight, accumulate=True)
+    adjacency = adjacency + adjacency.T
+    laplacian = torch.diag(adjacency.sum(dim=1)) - adjacency
+    balance = torch.zeros(count).index_add_(0, pairs[0], weight * difference)
+    balance = balance.index_add_(0, pairs[1], -weight * difference)
+    return descriptors.T @ laplacian @ descriptors, descriptors.T @ balance

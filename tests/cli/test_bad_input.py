@@ -1,0 +1,480 @@
+"""What a user can get wrong: one line that names it, the right exit status, and nothing lost."""
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+import torch
+
+Command = Callable[..., Any]
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def check_error(ended: Any, status: int, *words: str) -> None:
+    """One line on standard error that holds all the words, and nothing else there."""
+    assert ended.status == status, ended.stderr
+    lines = ended.stderr.splitlines()
+    assert len(lines) == 1, ended.stderr
+    assert lines[0].startswith("error: ")
+    for word in words:
+        assert word in lines[0]
+
+
+def write_images(folder: Path, images: Sequence[np.ndarray]) -> Path:
+    folder.mkdir()
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{number:03d}.png"), image[:, :, ::-1])
+    return folder
+
+
+def write_video(path: Path, frames: Sequence[np.ndarray]) -> Path:
+    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+        stream = container.add_stream("libx264", rate=10, options={"crf": "0"})
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for image in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
+        container.mux(stream.encode(None))
+    return path
+
+
+def snapshot(folder: Path) -> dict[str, bytes]:
+    """The results of a run; what Hydra notes about the last command is not among them."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and ".hydra" not in path.parts and path.suffix != ".log"
+    }
+
+
+@pytest.fixture
+def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[..., None]:
+    """``refused(2, ["seed=x"], "seed=x", "whole number")``: such a training ends like that and writes no result."""
+
+    def check(status: int, overrides: Sequence[str], *words: str) -> None:
+        run = tmp_path / "run"
+        ended = command("train", *tiny, *overrides, f"hydra.run.dir={run}")
+        check_error(ended, status, *words)
+        if run.exists():
+            assert snapshot(run) == {}
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("see=1", ["'see'", "--cfg job"]),
+        ("model.width=3", ["'model.width'", "--cfg job"]),
+        ("+model.width=3", ["model", "'width'"]),
+        ("+objective.width=3", ["'width'", "ObjectiveSettings"]),
+        ("+trainer.width=3", ["'width'", "Trainer"]),
+        ("kernell=p2p", ["'kernell'", "expected kernel, or one that --cfg job"]),
+        ("kernel=p3p", ["kernel/p3p", "p2p"]),
+        ("task=welding", ["task/welding", "sorting", "video"]),
+        ("task=insertion", ["'task.path'", "no such key", "task=video"]),  # a simulated task has no path
+        ("scenario=fog", ["scenario/fog", "illumination"]),
+        ("experiment=papers", ["experiment/papers", "paper"]),
+        ("seed", ["'seed'", "EQUAL"]),
+        ("--kernel", ["--kernel", "KEY=VALUE"]),
+        ("seed=abc", ["seed=abc", "whole number"]),
+        ("seed=1.5", ["seed=1.5", "whole number"]),
+        ("seed=null", ["seed=null", "whole number"]),
+        ("threads=x", ["threads=x", "whole number"]),
+        ("threads=0", ["threads=0", "at least 1"]),
+        ("debug=1", ["debug=1", "true or false"]),
+        ("model.hidden_dim=0", ["model.hidden_dim=0", "at least 1"]),
+        ("model.hidden_dim=x", ["model.hidden_dim=x", "whole number"]),
+        ("objective.sigma0=-1", ["objective.sigma0", "-1", "standard deviation"]),
+        ("objective.sigma0=x", ["objective.sigma0=x", "number"]),
+        ("features.max_features=1", ["features.max_features=1", "at least 2"]),
+        ("features.min_side=-1", ["features.min_side=-1", "pixels"]),
+        ("trainer.max_epochs=x", ["trainer.max_epochs=x", "whole number"]),
+        ("trainer.max_epochs=0", ["trainer.max_epochs=0", "at least 1"]),
+        ("trainer.max_epochs=-4", ["max_epochs", "-4", "non-negative"]),
+        ("trainer.limit_train_batches=x", ["limit_train_batches", "x"]),
+        ("trainer.accelerator=abacus", ["abacus", "cpu"]),
+        ("demonstration.gap=0", ["demonstration.gap=0", "at least 1"]),
+        ("demonstration.gap=20", ["20 frame(s)", "at least 21"]),
+        ("demonstration.gap=x", ["demonstration.gap=x", "whole number"]),
+        ("demonstration.horizon=2", ["demonstration.horizon=2", "0 to 1"]),
+        ("demonstration.max_visible_features=1", ["demonstration.max_visible_features=1", "at least 2, or null"]),
+        (
+            "demonstration.max_visible_features=x",
+            ["demonstration.max_visible_features=x", "whole number such as 50 or null"],
+        ),
+        ("demonstration.batch_size=0", ["demonstration.batch_size=0", "at least 1"]),
+        ("demonstration.descriptor_noise=-1", ["demonstration.descriptor_noise=-1", "0 or more"]),
+        ("demonstration.num_negatives=-1", ["demonstration.num_negatives=-1", "0 or more"]),
+        ("objective.goal_temperature=0", ["objective.goal_temperature", "0", "positive"]),
+        ("inference.temporal=often", ["inference.temporal=often", "none or filter"]),
+        ("inference.abstain=1.5", ["inference.abstain=1.5", "from 0 (never) to 1"]),
+        ("features.color=-1", ["features.color=-1", "0 (none)"]),
+        ("optimizer.lr=-1", ["optimizer", "-1"]),
+        ("optimizer.lr=x", ["optimizer.lr=x", "number"]),
+        ("early_stopping.patience=x", ["early_stopping.patience=x", "or null"]),
+        ("early_stopping.patience=-1", ["early_stopping.patience=-1", "or null"]),
+        ("inference.alternatives=0", ["inference.alternatives=0", "at least 1"]),
+        ("inference.minimum_weight=x", ["inference.minimum_weight=x", "number"]),
+        ("cache.limit_mb=0", ["limit_mb=0", "positive"]),
+        ("task.frame_rate=0", ["frame_rate", "0", "positive"]),
+        ("task.frame_rate=x", ["task.frame_rate=x", "number"]),
+        ("task.path=null", ["task.path is not set", "task=video", "task.path=DIR_OR_FILE"]),
+        ("task.path=/no/such/video.mp4", ["/no/such/video.mp4", "expected a video"]),
+        ("task.regions=/no/such.json", ["/no/such.json", "regions file"]),
+        ("ckpt_path=/no/such.ckpt", ["/no/such.ckpt", "skill.ckpt"]),
+    ],
+)
+def test_overrides(refused: Callable[..., None], override: str, words: Sequence[str]) -> None:
+    refused(2, [override], *words)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["model.cascade=0"], ["model.cascade=0", "at least inference.alternatives=10", "null"]),
+        (["model.cascade=9"], ["model.cascade=9", "at least inference.alternatives=10", "null"]),
+        (["model.cascade=x"], ["model.cascade=x", "a whole number such as 2048 or null"]),
+        (["model=paper", "model.cascade=1.5"], ["model.cascade=1.5", "a whole number such as 2048 or null"]),
+        (["model=bilinear", "model.cascade=64"], ["'model.cascade'", "--cfg job"]),
+    ],
+)
+def test_cascades(refused: Callable[..., None], overrides: Sequence[str], words: Sequence[str]) -> None:
+    refused(2, ["model=default", *overrides], *words)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("early_stopping.patience=x", ["early_stopping.patience=x", "a whole number such as 8 or null"]),
+        ("trainer.gradient_clip_val=x", ["trainer.gradient_clip_val=x", "a number such as 1 or null"]),
+        ("trainer.limit_train_batches=x", ["trainer.limit_train_batches=x", "a number such as 25 or null"]),
+    ],
+)
+def test_what_the_paper_does_without(refused: Callable[..., None], override: str, words: Sequence[str]) -> None:
+    refused(2, ["experiment=paper", override], *words)
+
+
+@pytest.mark.skipif(torch.cuda.is_available() or torch.backends.mps.is_available(), reason="there is a GPU")
+def test_no_gpu(refused: Callable[..., None]) -> None:
+    refused(2, ["trainer=gpu"], "trainer.accelerator=gpu", "no GPU", "trainer=cpu")
+
+
+@pytest.mark.slow
+def test_whoever_reads_the_help_may_stop() -> None:
+    command = [sys.executable, "-m", "geoskill.cli.train", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
+        assert reader.stdout is not None
+        assert reader.stderr is not None
+        reader.stdout.close()
+        assert b"Error" not in reader.stderr.read()
+    assert reader.returncode == 1
+
+
+@pytest.mark.slow
+def test_a_choice(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    # As a process, since within the tests the types are checked before the program does.
+    ended = script("train", *tiny, "objective.reward=frames", f"hydra.run.dir={tmp_path}")
+    check_error(ended, 2, "objective.reward is 'frames'", "tracked, frame")
+
+
+def test_a_kernel_without_its_descriptor(refused: Callable[..., None]) -> None:
+    refused(2, ["kernel=l2l", "descriptor=sift"], "kernel=l2l", "line", "sift describes a point")
+
+
+@pytest.fixture
+def simulated(tiny: Sequence[str]) -> list[str]:
+    """The same small training, of a simulated demonstration."""
+    return [override for override in tiny if not override.startswith("task")]
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("scenario.actor=dog", ["scenario.actor=dog", "human or robot"]),
+        ("scenario.severity=9", ["scenario.severity=9", "0 to 1.5"]),
+        ("scenario.severity=x", ["scenario.severity=x", "a number"]),
+        ("scenario.confidence=0", ["scenario.confidence=0", "more than 0 and at most 1"]),
+        ("scenario.occlusion=1", ["scenario.occlusion=1", "true or false"]),
+        ("scenario.fog=true", ["'scenario.fog'", "no such key"]),
+        ("scenario=fog", ["scenario/fog", "illumination"]),
+        ("seed=-1", ["seed=-1", "0 or more"]),
+        ("task.every=0", ["every=0", "at least 1"]),
+    ],
+)
+def test_simulated_trainings(
+    command: Command, simulated: Sequence[str], tmp_path: Path, override: str, words: Sequence[str]
+) -> None:
+    ended = command("train", *simulated, override, f"hydra.run.dir={tmp_path}")
+    check_error(ended, 2, *words)
+    assert snapshot(tmp_path) == {}
+
+
+def test_without_opengl_the_plain_command_says_what_to_install(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import mujoco
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("no display")
+
+    monkeypatch.setattr(mujoco, "Renderer", fail)
+    ended = command("train", "cache.enabled=false", "logger=none", f"hydra.run.dir={tmp_path}")
+    check_error(ended, 2, "no OpenGL context for rendering (RuntimeError: no display)", "apt-get install libegl1")
+
+
+@pytest.mark.slow
+def test_folders_and_videos(
+    refused: Callable[..., None], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    refused(2, [f"task.path={empty}"], str(empty), "no image")
+
+    no_bytes = tmp_path / "empty.mp4"
+    no_bytes.touch()
+    refused(2, [f"task.path={no_bytes}"], str(no_bytes), "empty", "expected a complete video")
+
+    text = tmp_path / "text.mp4"
+    text.write_text("not a video")
+    refused(2, [f"task.path={text}"], str(text), "expected a complete video")
+
+    whole = write_video(tmp_path / "whole.mp4", demonstration_frames)
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    refused(2, [f"task.path={cut}"], str(cut), "breaks at frame", "expected a complete video")
+
+    single = write_video(tmp_path / "single.mp4", demonstration_frames[:1])
+    refused(2, [f"task.path={single}"], str(single), "1 frame(s)", "at least 3")
+
+    black = write_images(tmp_path / "black", [np.zeros_like(demonstration_frames[0])] * 5)
+    refused(2, [f"task.path={black}"], "no frame", "p2p_sift", "features of type point")
+
+    refused(2, [f"task.path=[{whole},{single}]"], str(single), "1 frame(s)", "at least 3")
+    refused(2, [f"task.path=[{whole},{black}]"], f"no frame of {black}", "p2p_sift")
+    refused(2, [f"task.path=[{whole},{tmp_path / 'none'}]"], str(tmp_path / "none"), "does not exist")
+    refused(2, ["task.path=[]"], "task.path is not set", "task.path=[a.mp4,b.mp4]")
+
+    still = write_images(tmp_path / "still", [demonstration_frames[0]] * 5)
+    refused(2, [f"task.path={still}"], "nothing moves", "expected a video of a task being done")
+
+    damaged = write_images(tmp_path / "damaged", demonstration_frames[:5])
+    (damaged / "003.png").write_bytes((damaged / "003.png").read_bytes()[:200])
+    refused(2, [f"task.path={damaged}"], str(damaged / "003.png"), "damaged")
+
+    sizes = write_images(tmp_path / "sizes", [*demonstration_frames[:4], demonstration_frames[4][:100]])
+    refused(2, [f"task.path={sizes}"], str(sizes / "004.png"), "160x100", "160x120")
+
+
+@pytest.mark.slow
+def test_regions_that_do_not_fit_are_refused_before_training(refused: Callable[..., None], tmp_path: Path) -> None:
+    frame: dict[str, Any] = {"object": [[0, 0], [9, 0], [9, 9]], "target": [], "hand": []}
+    path = tmp_path / "regions.json"
+    for content, words in (
+        ({"image_size": [120, 160], "frames": {"0": frame}}, ["120x160", "160x120"]),
+        ({"image_size": [160, 120], "frames": {"20": frame}}, ["frame 20", "20 frames"]),
+        ({"image_size": [160, 120], "frames": {"0": {"object": []}}}, ["frame 0", "target"]),
+        ({"frames": {"0": frame}}, ["image_size"]),
+    ):
+        path.write_text(json.dumps(content))
+        refused(2, [f"task.regions={path}"], str(path), *words)
+    path.write_text(json.dumps({"image_size": [160, 120], "frames": {"0": frame}}))
+    refused(2, [f"task.regions={path}", "task.every=0"], "every=0", "at least 1")
+    path.write_text(json.dumps({"image_size": [160, 120], "frames": {"3": frame, "4": frame}}))
+    refused(2, [f"task.regions={path}", "task.every=5"], str(path), "labels frames 3 to 4", "20 frames", "every=5")
+
+
+@pytest.mark.slow
+def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, tmp_path: Path) -> None:
+    # `skill` is a finished p2p training of 2 epochs.
+    refused(2, ["kernel=par", f"ckpt_path={skill}"], "its members are p2p_sift; expected those of this run, par_lbd")
+    refused(2, ["model.hidden_dim=16", f"ckpt_path={skill}"], str(skill), "model", "'hidden_dim': 8", "16")
+    refused(2, [f"ckpt_path={skill}"], str(skill), "2 epochs", "trainer.max_epochs")
+    refused(
+        2,
+        ["trainer.max_epochs=3", "demonstration.gap=3", f"ckpt_path={skill}"],
+        *(str(skill), "[2]", "[3]", "demonstration"),
+    )
+    cut = tmp_path / "cut.ckpt"
+    cut.write_bytes(skill.read_bytes()[:5000])
+    refused(2, [f"ckpt_path={cut}"], str(cut), "cannot be read as a checkpoint")
+
+
+@pytest.mark.slow
+def test_skills_and_videos_of_infer(
+    command: Command,
+    skill: Path,
+    demonstration_folder: Path,
+    demonstration_frames: tuple[np.ndarray, ...],
+    tmp_path: Path,
+) -> None:
+    run = f"hydra.run.dir={tmp_path / 'run'}"
+    video = f"video={demonstration_folder}"
+    check_error(command("infer", video, run), 2, "skill is not set", "skill=")
+    check_error(command("infer", f"skill={skill}", run), 2, "video is not set", "video=")
+    check_error(command("infer", f"skill={tmp_path / 'no.ckpt'}", video, run), 2, "no.ckpt", "no such file")
+    check_error(command("infer", f"skill={skill}", "video=/no/such", run), 2, "/no/such", "does not exist")
+    check_error(command("infer", f"skill={skill}", "video=98", run), 2, "camera 98", "cannot be opened")
+    check_error(command("infer", f"skill={skill}", video, "device=gpu", run), 2, "device=gpu", "cpu")
+    check_error(
+        command("infer", f"skill={skill}", video, "precision=bfloat16", run), 2, "precision=bfloat16", "Bilinear"
+    )
+    check_error(command("infer", f"skill={skill}", video, "minimum_weight=x", run), 2, "minimum_weight=x")
+    check_error(command("infer", f"skill={skill}", video, "inference.abstain=-1", run), 2, "inference.abstain=-1")
+    check_error(command("infer", f"skill={skill}", video, "inference.temporal=1", run), 2, "inference.temporal=1")
+    check_error(command("infer", f"skill={skill}", video, "frame_rate=x", run), 2, "frame_rate=x", "number")
+    check_error(command("infer", f"skill={skill}", video, "seed=1", run), 2, "'seed'", "--cfg job")
+    check_error(command("infer", f"skill={skill}", video, "threads=0", run), 2, "threads=0", "at least 1")
+    check_error(command("infer", f"skill={skill}", video, "threads=x", run), 2, "threads=x", "whole number")
+
+    corrupt = tmp_path / "corrupt.ckpt"
+    for content in (b"", b"no checkpoint", skill.read_bytes()[:-3000]):
+        corrupt.write_bytes(content)
+        check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "expected the skill.ckpt")
+    torch.save({"weights": torch.zeros(3)}, corrupt)
+    check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "expected the skill.ckpt")
+    stored = torch.load(skill, weights_only=True)
+    stored["state_dict"] = {key: value.reshape(-1)[:1] for key, value in stored["state_dict"].items()}
+    torch.save(stored, corrupt)
+    check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "weights do not fit")
+    stored["skill"]["extractors"]["sift"]["_target_"] = "os.getcwd"
+    torch.save(stored, corrupt)
+    check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "os.getcwd")
+    assert snapshot(tmp_path / "run") == {}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["task=sorting", "video=DIR"], ["task and video are both set"]),
+        (["task=sorting", "regions=FILE"], ["task and video are both set"]),
+        (["task=video"], ["task=video is no simulated task", "task=sorting", "regions="]),
+        (["task=welding"], ["task/welding", "sorting"]),
+        (["task=sorting", "scenario=fog"], ["scenario/fog", "illumination"]),
+        # Before anything is read or rendered.
+        (["task=sorting", "skill=no.ckpt", "inference.temporal=often"], ["inference.temporal=often", "none or filter"]),
+        (["task=sorting", "scenario.severity=9"], ["scenario.severity=9", "0 to 1.5"]),
+        (["task=sorting", "scenario=human", "scenario.confidence=0"], ["scenario.confidence=0", "more than 0"]),
+        (["task=sorting", "scenario.actor=dog"], ["scenario.actor=dog", "human or robot"]),
+        (["task=sorting", "seed=abc"], ["seed=abc", "whole number"]),
+        (["task=sorting", "seed=-1"], ["seed=-1", "0 or more"]),
+        (["task=sorting", "every=0"], ["every=0", "at least 1"]),
+        (["task=sorting", "inference.abstain=x"], ["inference.abstain=x", "number"]),
+        (["scenario=occlusion"], ["video is not set", "task=…"]),
+    ],
+)
+def test_simulated_evaluations(
+    command: Command, skill: Path, tmp_path: Path, overrides: Sequence[str], words: Sequence[str]
+) -> None:
+    check_error(command("evaluate", f"skill={skill}", *overrides, f"hydra.run.dir={tmp_path}"), 2, *words)
+    assert snapshot(tmp_path) == {}
+
+
+def test_evaluate(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
+    regions = tmp_path / "regions.json"
+    frame = {"object": [[0, 0], [9, 0], [9, 9]], "target": [], "hand": []}
+    regions.write_text(json.dumps({"image_size": [160, 120], "frames": {"3": frame}}))
+    run = f"hydra.run.dir={tmp_path / 'run'}"
+    given = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", run]
+    check_error(command("evaluate", *given, "regions=null"), 2, "regions is not set", "regions=")
+    check_error(command("evaluate", *given, "every=0"), 2, "every=0", "at least 1")
+    check_error(command("evaluate", *given, "every=5"), 2, str(regions), "labels frames 3 to 3", "every=5")
+    regions.write_text(json.dumps({"image_size": [160, 120], "frames": {"20": frame}}))
+    check_error(command("evaluate", *given), 2, str(regions), "frame 20", "20 frames")
+    assert snapshot(tmp_path / "run") == {}
+
+
+def test_a_failing_run_leaves_earlier_results(
+    command: Command,
+    tiny: Sequence[str],
+    trained: Any,
+    skill: Path,
+    demonstration_frames: tuple[np.ndarray, ...],
+    tmp_path: Path,
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trained.folder, run)
+    before = snapshot(run)
+    assert {"skill.ckpt", "associations.jsonl", "overlay.mp4", "metrics.json"} <= before.keys()
+    still = write_images(tmp_path / "still", [demonstration_frames[0]] * 5)
+    check_error(command("train", *tiny, f"task.path={still}", f"hydra.run.dir={run}"), 2, "nothing moves")
+    assert snapshot(run) == before
+    # Here the failure comes when some frames have been worked off.
+    broken = write_images(tmp_path / "broken", demonstration_frames[:5])
+    (broken / "003.png").write_bytes(b"")
+    check_error(command("infer", f"skill={skill}", f"video={broken}", f"hydra.run.dir={run}"), 2, "003.png")
+    assert snapshot(run) == before
+
+
+def test_what_came_before_the_damage_is_written(
+    command: Command, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    broken = write_images(tmp_path / "broken", demonstration_frames[:5])
+    (broken / "003.png").write_bytes(b"")
+    check_error(command("infer", f"skill={skill}", f"video={broken}", f"hydra.run.dir={run}"), 2, "003.png")
+    lines = (run / "associations.jsonl").read_text().splitlines()
+    assert {json.loads(line)["frame"] for line in lines} == {0, 1, 2}
+    assert json.loads((run / "metrics.json").read_text())["frames"] == 3
+    assert (run / "overlay.mp4").is_file()
+
+
+def test_debug_shows_the_traceback(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    ended = command("train", *tiny, "objective.sigma0=-1", "debug=true", f"hydra.run.dir={tmp_path}")
+    assert ended.status == 2
+    assert "Traceback (most recent call last)" in ended.stderr
+    assert "inmaxent.py" in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith("error: objective.sigma0")
+
+
+def test_a_fault_of_the_program_has_status_1(
+    command: Command, tiny: Sequence[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("two\nlines")
+
+    monkeypatch.setattr("geoskill.training.error_changes.fit_reward_scale", fail)
+    ended = command("train", *tiny, f"hydra.run.dir={tmp_path}")
+    check_error(ended, 1, "ZeroDivisionError: two lines", "debug=true")
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Any:
+    """Runs a script where there is room for 300 kB: on a file system of that size, or else with files up to it."""
+    mount = tmp_path / "disk"
+    mount.mkdir()
+    limited = 300_000
+    mounted = shutil.which("mount") is not None and (
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={limited}", "tmpfs", str(mount)], capture_output=True, check=False
+        ).returncode
+        == 0
+    )
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limited, limited))
+
+    yield mount, ({} if mounted else {"preexec_fn": limit})
+    if mounted:
+        subprocess.run(["umount", str(mount)], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of files and tmpfs are Linux's")
+def test_a_full_disk(script: Command, tiny: Sequence[str], trained: Any, skill: Path, small_disk: Any) -> None:
+    disk, settings = small_disk
+    run = disk / "run"
+    # Weights, gradients' moments: 64 kB fit twice, 600 kB do not fit.
+    ended = script("train", *tiny, "model.hidden_dim=400", "cache.enabled=false", f"hydra.run.dir={run}", **settings)
+    check_error(ended, 1, str(run), "no space left")
+    assert not list(run.glob("*.part"))

@@ -1,0 +1,158 @@
+"""The summary of a sweep."""
+
+import csv
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+import yaml
+from omegaconf import OmegaConf
+
+from geoskill.cli.command import FAILED_RUN
+from geoskill.cli.sweep import SweepSummary, read_runs, summarize, write_summary
+
+Command = Callable[..., Any]
+
+
+def write_run(folder: Path, overrides: Sequence[str], figures: Mapping[str, Any] | None) -> None:
+    (folder / ".hydra").mkdir(parents=True)
+    (folder / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(list(overrides)))
+    if figures is not None:
+        (folder / "metrics.json").write_text(json.dumps(figures))
+
+
+def test_mean_and_standard_deviation_over_seeds() -> None:
+    runs = [
+        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "0"}, {"objective": 1.0, "rsw": 0.5, "steps": 4.0}),
+        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "1"}, {"objective": 2.0, "rsw": 0.5, "steps": 4.0}),
+        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "2"}, {"objective": 3.0, "rsw": 0.5, "steps": 7.0}),
+        ({"objective.sigma0": "0.5", "model": "bilinear", "seed": "0"}, {"objective": 9.0, "rsw": None, "steps": 1.0}),
+    ]
+    # 1, 2, 3: mean 2, variance (1 + 0 + 1) / 2. 4, 4, 7: mean 5, variance (1 + 1 + 4) / 2.
+    assert summarize(runs) == [
+        {
+            "objective.sigma0": "0.3",
+            "runs": 3,
+            "objective": 2.0,
+            "objective_sd": 1.0,
+            "rsw": 0.5,
+            "rsw_sd": 0.0,
+            "steps": 5.0,
+            "steps_sd": pytest.approx(3**0.5),
+        },
+        {"objective.sigma0": "0.5", "runs": 1, "objective": 9.0, "objective_sd": None, "steps": 1.0, "steps_sd": None},
+    ]
+
+
+def test_without_anything_swept_there_is_one_row() -> None:
+    runs = [({"model": "bilinear", "seed": str(seed)}, {"objective": float(seed)}) for seed in range(2)]
+    assert summarize(runs) == [{"runs": 2, "objective": 0.5, "objective_sd": pytest.approx(0.5**0.5)}]
+
+
+def test_two_swept_settings_and_one_that_some_runs_lack() -> None:
+    runs = [
+        ({"kernel": "p2p", "descriptor": "orb"}, {"objective": 1.0}),
+        ({"kernel": "p2p"}, {"objective": 2.0}),
+        ({"kernel": "par"}, {"objective": 3.0}),
+    ]
+    rows = summarize(runs)
+    assert [(row["kernel"], row["descriptor"], row["objective"]) for row in rows] == [
+        ("p2p", "orb", 1.0),
+        ("p2p", None, 2.0),
+        ("par", None, 3.0),
+    ]
+
+
+def test_reading_runs(tmp_path: Path) -> None:
+    for number in (10, 9, 2):
+        write_run(tmp_path / str(number), [f"seed={number}", "~logger", "+x='a=b'"], {"steps": number})
+    write_run(tmp_path / "3", ["seed=3"], None)  # stopped before its end
+    write_run(tmp_path / "4", ["seed=4"], {"steps": 4})  # of an earlier sweep into this folder; now it failed
+    (tmp_path / "4" / FAILED_RUN).write_text("2 seed=4: no")
+    runs = read_runs(tmp_path)
+    assert [figures["steps"] for _, figures in runs] == [2, 9, 10]
+    assert runs[0][0] == {"seed": "2", "~logger": "", "+x": "'a=b'"}
+
+
+def test_the_table_in_every_form(tmp_path: Path) -> None:
+    rows = [
+        {"objective.sigma0": "0.3", "runs": 2, "objective": 0.25, "objective_sd": 0.125, "steps": 6.0, "steps_sd": 0.0},
+        {
+            "objective.sigma0": "0.5",
+            "runs": 1,
+            "objective": 1 / 3,
+            "objective_sd": None,
+            "steps": 6.0,
+            "steps_sd": None,
+        },
+    ]
+    write_summary(rows, tmp_path)
+    assert (tmp_path / "summary.md").read_text().splitlines() == [
+        "| objective.sigma0 | runs | objective | steps |",
+        "|---|---|---|---|",
+        "| 0.3 | 2 | 0.25 ± 0.12 | 6 ± 0 |",
+        "| 0.5 | 1 | 0.3333 | 6 |",
+    ]
+    assert json.loads((tmp_path / "summary.json").read_text()) == rows
+    with (tmp_path / "summary.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["objective"] for row in table] == ["0.25", str(1 / 3)]
+    assert table[1]["objective_sd"] == ""
+    assert cv2.imread(str(tmp_path / "summary.png")) is not None
+
+
+def test_failed_runs_are_told_after_the_summary_of_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_run(tmp_path / "0", ["model.layers=1", "seed=0"], {"objective": 1.0})
+    for number, status in ((1, 1), (2, 2)):
+        write_run(tmp_path / str(number), [f"model.layers={number - 2}"], None)
+        (tmp_path / str(number) / FAILED_RUN).write_text(f"{status} model.layers={number - 2}: expected at least 1\n")
+    with pytest.raises(SystemExit) as ending:
+        SweepSummary().on_multirun_end(OmegaConf.create({"hydra": {"sweep": {"dir": str(tmp_path)}}}))
+    assert ending.value.code == 1
+    captured = capsys.readouterr()
+    assert captured.err == f"error: 2 run(s) failed, first {tmp_path / '1'}: model.layers=-1: expected at least 1\n"
+    assert captured.out.splitlines()[-1] == str(tmp_path)
+    assert (tmp_path / "summary.md").is_file()
+
+
+@pytest.mark.slow
+def test_a_sweep(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    overrides = ["objective.sigma0=0.3,0.55", "seed=0,1", "trainer.max_epochs=1"]
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", f"hydra.sweep.dir={tmp_path}"]
+    ended = script("train", "-m", *tiny, *overrides, *launcher)
+    assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
+    rows = json.loads((tmp_path / "summary.json").read_text())
+    assert [(row["objective.sigma0"], row["runs"], row["steps"]) for row in rows] == [("0.3", 2, 3.0), ("0.55", 2, 3.0)]
+    objectives = [json.loads((tmp_path / str(job) / "metrics.json").read_text())["objective"] for job in range(4)]
+    assert len(set(objectives)) == 4
+    assert rows[0]["objective"] == pytest.approx((objectives[0] + objectives[1]) / 2)
+    assert len((tmp_path / "summary.md").read_text().splitlines()) == 4
+    with (tmp_path / "summary.csv").open(newline="") as file:
+        assert [row["objective.sigma0"] for row in csv.DictReader(file)] == ["0.3", "0.55"]
+    assert cv2.imread(str(tmp_path / "summary.png")) is not None
+
+
+@pytest.mark.slow
+def test_a_sweep_with_a_run_that_fails(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    ended = script("train", "-m", *tiny, "objective.sigma0=-1,0.55", f"hydra.sweep.dir={tmp_path}")
+    assert (ended.status, ended.folder) == (2, tmp_path)
+    assert ended.stderr.startswith(
+        f"error: 1 run(s) failed, first {tmp_path / '0'}: objective.sigma0 is -1.0; expected"
+    )
+    assert len(ended.stderr.splitlines()) == 1
+    assert len(json.loads((tmp_path / "summary.json").read_text())) == 1
+
+
+@pytest.mark.slow
+def test_the_experiments_sweep_what_they_say(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    given = [override for override in tiny if not override.startswith(("logger", "threads"))]
+    swept = ["objective.rsw_weight=0.0,1.0", "seed=0", "trainer.max_epochs=1", "hydra.launcher.n_jobs=1"]
+    ended = script("train", "-m", "experiment=ablation_lambda", *given, *swept, f"hydra.sweep.dir={tmp_path}")
+    assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
+    rows = json.loads((tmp_path / "summary.json").read_text())
+    assert [(row["objective.rsw_weight"], row["runs"]) for row in rows] == [("0.0", 1), ("1.0", 1)]

@@ -1,0 +1,249 @@
+"""Frames of tiny pictures and videos made here; what each bad input says."""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from geoskill.errors import InputError
+from geoskill.io.frames import Frame
+from geoskill.io.video import ImageFolder, VideoFile
+
+HEIGHT, WIDTH = 48, 64
+
+
+def plain(level: int, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Red left half, the rest of gray ``level``: shows swapped channels, mirroring and the order of frames."""
+    image = np.full((height, width, 3), level, np.uint8)
+    image[:, : width // 2] = (200, 20, 20)
+    return image
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    assert cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+
+def write_video(
+    path: Path,
+    images: Sequence[np.ndarray],
+    rate: int = 10,
+    ticks: Sequence[int] | None = None,
+    options: dict[str, str] | None = None,
+) -> Path:
+    codec = {".webm": "libvpx", ".avi": "mpeg4"}.get(path.suffix, "libx264")
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream(codec, rate=rate)
+        assert isinstance(stream, av.VideoStream)
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.bit_rate = 2_000_000
+        for place, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts = place if ticks is None else ticks[place]
+            frame.time_base = Fraction(1, rate)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def noise(count: int) -> list[np.ndarray]:
+    """Frames that do not compress, so that every one of them takes up a good part of the file."""
+    random = np.random.default_rng(0)
+    return [random.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(count)]
+
+
+class TestImageFolder:
+    def test_frames_come_in_natural_order_with_exact_pixels_and_times(self, tmp_path: Path) -> None:
+        for number in (10, 2, 1):
+            write_image(tmp_path / f"frame{number}.png", plain(number))
+        (tmp_path / "notes.txt").write_text("no picture")
+        (tmp_path / ".frame3.png").write_text("what some systems leave beside a picture")
+        frames = list(ImageFolder(tmp_path, frame_rate=4.0))
+        assert [int(frame.image[0, -1, 0]) for frame in frames] == [1, 2, 10]
+        assert [frame.index for frame in frames] == [0, 1, 2]
+        assert [frame.time_s for frame in frames] == [0.0, 0.25, 0.5]
+        np.testing.assert_array_equal(frames[2].image, plain(10))
+
+    def test_can_be_read_repeatedly_and_lazily(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "1.png", plain(1))
+        (tmp_path / "2.png").write_bytes(b"broken")
+        folder = ImageFolder(tmp_path)
+        for _ in range(2):
+            np.testing.assert_array_equal(next(iter(folder)).image, plain(1))
+        assert folder.frame_rate == 30.0
+        assert folder.name == str(tmp_path)
+
+    @pytest.mark.parametrize("suffix", [".jpg", ".jpeg", ".PNG", ".bmp", ".webp", ".tif"])
+    def test_every_type_is_read_in_rgb(self, tmp_path: Path, suffix: str) -> None:
+        write_image(tmp_path / f"1{suffix}", plain(120))
+        (frame,) = ImageFolder(tmp_path)
+        assert frame.image.shape == (HEIGHT, WIDTH, 3)
+        assert np.abs(frame.image.astype(int) - plain(120))[:, [0, 10, 50, 63]].max() <= 12  # away from the edge
+
+    def test_gray_pictures_become_rgb(self, tmp_path: Path) -> None:
+        assert cv2.imwrite(str(tmp_path / "1.png"), np.full((4, 6), 77, np.uint8))
+        (frame,) = ImageFolder(tmp_path)
+        np.testing.assert_array_equal(frame.image, np.full((4, 6, 3), 77))
+
+    @pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".webp", ".tif"])
+    def test_truncated_image_is_named(self, tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
+        path = tmp_path / f"2{suffix}"
+        write_image(path, noise(1)[0])
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(InputError, match=rf"2\{suffix}: not a readable image, or damaged"):
+            list(ImageFolder(tmp_path))
+        assert "[ERROR" not in capfd.readouterr().err
+
+    def test_empty_image_is_named(self, tmp_path: Path) -> None:
+        (tmp_path / "2.jpg").write_bytes(b"")
+        with pytest.raises(InputError, match=r"2\.jpg: not a readable image, or damaged; expected jpg, jpeg, png"):
+            list(ImageFolder(tmp_path))
+
+    def test_other_size_names_the_file_and_both_sizes(self, tmp_path: Path) -> None:
+        write_image(tmp_path / "1.png", plain(1))
+        write_image(tmp_path / "2.png", plain(1, height=24, width=32))
+        with pytest.raises(InputError, match=r"2\.png: the image is 32x24 pixels; expected 64x48 like 1\.png"):
+            list(ImageFolder(tmp_path))
+
+    def test_folder_without_images(self, tmp_path: Path) -> None:
+        (tmp_path / "notes.txt").write_text("no picture")
+        with pytest.raises(InputError, match=rf"{tmp_path.name}: the folder holds no image; expected jpg"):
+            ImageFolder(tmp_path)
+
+    def test_no_folder(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"absent: no such folder"):
+            ImageFolder(tmp_path / "absent")
+
+    @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
+    def test_frame_rate_must_be_positive(self, tmp_path: Path, rate: float) -> None:
+        with pytest.raises(InputError, match=r"frame_rate is .*; expected a positive number"):
+            ImageFolder(tmp_path, rate)
+
+
+class TestVideoFile:
+    @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".avi", ".webm", ".mkv"])
+    def test_round_trip(self, tmp_path: Path, suffix: str) -> None:
+        levels = list(range(20, 240, 20))
+        path = write_video(tmp_path / f"demo{suffix}", [plain(level) for level in levels])
+        source = VideoFile(path)
+        assert source.frame_rate == 10.0
+        assert source.name == str(path)
+        for _ in range(2):
+            frames = list(source)
+            assert [frame.index for frame in frames] == list(range(11))
+            np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(11) / 10, atol=2e-3)
+            for frame, level in zip(frames, levels, strict=True):
+                assert frame.image.dtype == np.uint8
+                inside = frame.image[:, [4, 60]].astype(int)
+                np.testing.assert_allclose(inside, plain(level)[:, [4, 60]], atol=12)
+
+    def test_times_are_the_files_own_counted_from_the_first_frame(self, tmp_path: Path) -> None:
+        path = write_video(tmp_path / "demo.mkv", noise(3), ticks=[5, 6, 9])
+        assert [frame.time_s for frame in VideoFile(path)] == pytest.approx([0.0, 0.1, 0.4])
+
+    def test_frame_rate_given_wins_but_leaves_the_times(self, tmp_path: Path) -> None:
+        source = VideoFile(write_video(tmp_path / "demo.mp4", noise(3)), frame_rate=25.0)
+        assert source.frame_rate == 25.0
+        assert [frame.time_s for frame in source] == pytest.approx([0.0, 0.1, 0.2])
+
+    def test_frame_rate_of_zero_is_refused(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"frame_rate is 0\.0; expected a positive number"):
+            VideoFile(write_video(tmp_path / "demo.mp4", noise(3)), frame_rate=0.0)
+
+    @pytest.mark.parametrize(
+        ("matrix", "red_side"),
+        [((0, 1, -1, 0), "top"), ((0, -1, 1, 0), "bottom"), ((-1, 0, 0, -1), "right")],
+        ids=["clockwise", "counterclockwise", "upside down"],
+    )
+    def test_rotation_in_the_file_is_applied(
+        self, tmp_path: Path, matrix: tuple[int, int, int, int], red_side: str
+    ) -> None:
+        path = write_video(tmp_path / "phone.mp4", [plain(230)] * 2)
+        data = bytearray(path.read_bytes())
+        # ISO 14496-12, 8.3.2: the track header's matrix stands 44 bytes after its name (a b u c d v x y w, 16.16).
+        start = data.index(b"tkhd") + 44
+        identity = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1 << 14], ">i4") << np.array([16, 16, 30, 16, 16, 30, 16, 16, 16])
+        assert bytes(data[start : start + 36]) == identity.astype(">i4").tobytes()
+        a, b, c, d = matrix
+        turned = np.array([a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30], ">i4")
+        data[start : start + 36] = turned.tobytes()
+        path.write_bytes(data)
+        image = next(iter(VideoFile(path))).image
+        # The left half is red in the coded frame; a turn clockwise brings it to the top.
+        expected = {"top": np.rot90(plain(230), -1), "bottom": np.rot90(plain(230)), "right": plain(230)[:, ::-1]}
+        assert image.shape == expected[red_side].shape
+        assert np.median(np.abs(image.astype(int) - expected[red_side])) <= 12
+
+    def test_missing_file(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"absent\.mp4: no such file; expected a video \(mp4, mov, avi"):
+            VideoFile(tmp_path / "absent.mp4")
+
+    def test_unsupported_type(self, tmp_path: Path) -> None:
+        (tmp_path / "notes.txt").write_text("no video")
+        with pytest.raises(InputError, match=r"notes\.txt: unsupported type '\.txt'; expected a video \(mp4"):
+            VideoFile(tmp_path / "notes.txt")
+
+    def test_file_that_is_no_video(self, tmp_path: Path) -> None:
+        (tmp_path / "fake.mp4").write_text("no video " * 500)
+        with pytest.raises(InputError, match=r"fake\.mp4: not readable \(Invalid data.*\); expected a complete video"):
+            VideoFile(tmp_path / "fake.mp4")
+
+    def test_empty_file(self, tmp_path: Path) -> None:
+        (tmp_path / "empty.mp4").write_bytes(b"")
+        with pytest.raises(InputError, match=r"empty\.mp4: the file is empty"):
+            VideoFile(tmp_path / "empty.mp4")
+
+    def test_sound_without_pictures(self, tmp_path: Path) -> None:
+        with av.open(str(tmp_path / "sound.mkv"), "w") as container:
+            stream = container.add_stream("pcm_s16le", rate=8000)
+            assert isinstance(stream, av.AudioStream)
+            sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+            sound.sample_rate = 8000
+            container.mux(stream.encode(sound))
+            container.mux(stream.encode(None))
+        with pytest.raises(InputError, match=r"sound\.mkv: the file has no video stream; expected a video"):
+            VideoFile(tmp_path / "sound.mkv")
+
+    def test_video_without_frames(self, tmp_path: Path) -> None:
+        with av.open(str(tmp_path / "none.mkv"), "w") as container:
+            stream = container.add_stream("libx264", rate=10)
+            assert isinstance(stream, av.VideoStream)
+            stream.height, stream.width, stream.pix_fmt = HEIGHT, WIDTH, "yuv420p"
+            container.start_encoding()
+        with pytest.raises(InputError, match=r"none\.mkv: .*expected"):
+            list(VideoFile(tmp_path / "none.mkv"))
+
+    def test_truncated_before_its_index_cannot_be_opened(self, tmp_path: Path) -> None:
+        path = write_video(tmp_path / "cut.mp4", noise(20))
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        with pytest.raises(InputError, match=r"cut\.mp4: not readable"):
+            VideoFile(path)
+
+    @pytest.mark.parametrize(("name", "options"), [("cut.mp4", {"movflags": "faststart"}), ("cut.avi", {})])
+    def test_truncated_in_the_middle_names_the_frame(self, tmp_path: Path, name: str, options: dict[str, str]) -> None:
+        path = write_video(tmp_path / name, noise(40), options=options)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+        read: list[Frame] = []
+        with pytest.raises(InputError, match=r"the video breaks at frame \d+: .*expected a complete video") as caught:
+            read.extend(VideoFile(path))
+        assert 10 < len(read) < 30
+        assert f"{name}: the video breaks at frame {len(read)}: " in str(caught.value)
+
+    @pytest.mark.parametrize("name", ["cut.mkv", "cut.webm"])
+    def test_truncated_where_the_container_hides_it(self, tmp_path: Path, name: str) -> None:
+        path = write_video(tmp_path / name, noise(40))
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+        with pytest.raises(InputError, match=rf"{name}: the video breaks at frame \d+: 1\.\d of 4\.0 s are missing"):
+            list(VideoFile(path))
+
+    def test_damaged_in_the_middle(self, tmp_path: Path) -> None:
+        path = write_video(tmp_path / "bad.mp4", noise(40))
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2 : len(data) // 2 + 3000] = np.random.default_rng(1).bytes(3000)
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"bad\.mp4: the video breaks at frame \d+: cannot be decoded"):
+            list(VideoFile(path))

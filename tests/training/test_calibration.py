@@ -1,0 +1,48 @@
+"""The usual lead of a whole demonstration, and what a finished skill makes of it."""
+
+from typing import Any
+
+import pytest
+import torch
+
+from geoskill.model.confidence import score_margins
+from geoskill.training.calibration import fit_reference_margin
+
+Training = Any
+
+
+def test_it_is_the_median_over_the_frames(training: Training) -> None:
+    demonstration, members = training.demonstration, training.members()
+    fit_reference_margin(members, demonstration)
+    for name, member in members.items():
+        expected = []
+        for graph in demonstration.frames(name):
+            with torch.no_grad():
+                scores = member(graph)
+            expected.append(float(scores.max() - scores.mean()))
+        assert float(member.reference_margin) == pytest.approx(torch.tensor(expected).median().item())
+        assert not member.reference_margin.requires_grad
+
+
+def test_it_is_that_of_the_scores_that_a_skill_uses(training: Training) -> None:
+    """Which, of more instances than a cascade looks at, are partly estimates."""
+    model = {
+        "_target_": "geoskill.model.message_passing.MessagePassing",
+        "_partial_": True,
+        "hidden_dim": 8,
+        "layers": 2,
+        "shared_weights": True,
+        "read_out": "product",
+        "cascade": 3,
+    }
+    members = training.members(model)
+    name, member = next(iter(members.items()))
+    fit_reference_margin(members, training.demonstration)
+    graphs = list(training.demonstration.frames(name))
+    assert len(graphs) == training.demonstration.frame_count
+    assert all(graph.instance_index.shape[1] > 3 for graph in graphs)
+    with torch.no_grad():
+        used = torch.stack([score_margins(member.eval()(graph)).max() for graph in graphs]).median()
+        exact = torch.stack([score_margins(member.train()(graph)).max() for graph in graphs]).median()
+    assert float(member.reference_margin) == pytest.approx(float(used))
+    assert float(used) != pytest.approx(float(exact))

@@ -1,0 +1,172 @@
+"""A small demonstration, and runs that learn from it."""
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, final
+
+import jaxtyping
+import numpy as np
+import pytest
+import torch
+from lightning import Callback, Trainer
+
+from geoskill.cli.progress import quiet_libraries
+from geoskill.data.datamodule import TransitionData
+from geoskill.data.demonstration import Demonstration
+from geoskill.data.transitions import Transition, Transitions
+from geoskill.geometry.primitives import NodeType
+from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.model.kernel_model import KernelModel
+from geoskill.objective.inmaxent import ObjectiveSettings
+from geoskill.skill.spec import build
+from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint
+from geoskill.training.error_changes import fit_reward_scale
+from geoskill.training.module import SkillTraining
+
+ADAM = partial(torch.optim.Adam, lr=3e-3)
+
+
+def in_silence(items: Sequence[int], description: str) -> Iterable[int]:
+    return items
+
+
+@final
+class HandMade(Transitions):
+    """Given first frames of transitions, over given spans; a graph's own ``span_index`` says over which."""
+
+    def __init__(self, spans: tuple[int, ...], graphs: Sequence[MotifGraph]) -> None:
+        self._spans = spans
+        self.graphs = graphs
+
+    @property
+    def spans(self) -> tuple[int, ...]:
+        return self._spans
+
+    def __len__(self) -> int:
+        return len(self.graphs)
+
+    def __getitem__(self, index: int) -> Transition:
+        return {"hand made": {"first": self.graphs[index]}}
+
+    def graph_without_negatives(self, name: str, index: int) -> MotifGraph:
+        return self.graphs[index]
+
+    def frames(self, name: str) -> Iterator[MotifGraph]:
+        return iter(self.graphs)
+
+    def descriptors(self, name: str) -> dict[NodeType, torch.Tensor]:
+        kinds = dict.fromkeys(NodeType(role) for graph in self.graphs for role in graph.roles)
+        return {kind: torch.cat([graph[f"{kind}_descriptor"] for graph in self.graphs]) for kind in kinds}
+
+
+class Training:
+    """Runs that learn from one demonstration, all from the same weights."""
+
+    def __init__(self, frames: Sequence[np.ndarray], description: Mapping[str, Any]) -> None:
+        self.description = description
+        parts = build(description)
+        self.pipelines = parts.pipelines
+        self.demonstration = Demonstration(
+            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, num_negatives=0, progress=in_silence
+        )
+
+    def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:
+        """Untrained ones."""
+        return build({**self.description, "model": model or self.description["model"]}, seed=1).members
+
+    def module(
+        self,
+        members: dict[str, KernelModel] | None = None,
+        optimizer: Callable[..., torch.optim.Optimizer] = ADAM,
+        descriptor_noise: float = 0.3,
+        feature_dropout: float = 0.2,
+        **objective: Any,
+    ) -> SkillTraining:
+        """Members, their reward scale fitted, with an objective that has 3 alternatives."""
+        members = self.members() if members is None else members
+        settings = ObjectiveSettings(**{"alternatives": 3, **objective})
+        fit_reward_scale(members, self.demonstration, settings)
+        return SkillTraining(
+            members,
+            settings,
+            optimizer,
+            descriptor_noise=descriptor_noise,
+            feature_dropout=feature_dropout,
+            seed=5,
+            description=self.description,
+        )
+
+    def run(
+        self,
+        module: SkillTraining,
+        folder: Path,
+        *,
+        epochs: int,
+        resume: Path | None = None,
+        callbacks: Sequence[Callback] = (),
+        batch_size: int = 4,
+        check_types: bool = False,
+        **trainer: Any,
+    ) -> MetricsTable:
+        """Train, 3 batches an epoch; leaves metrics.csv and skill.ckpt in the folder.
+
+        Checking annotated types at every call would take most of the time, so one test does it for all.
+        """
+        folder.mkdir(exist_ok=True)
+        table = MetricsTable(folder / "metrics.csv")
+        settings = {
+            "accelerator": "cpu",
+            "devices": 1,
+            "limit_train_batches": 3,
+            "gradient_clip_val": 1.0,
+            "log_every_n_steps": 1,
+            "logger": False,
+            "enable_progress_bar": False,
+            "enable_model_summary": False,
+        }
+        with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
+            patch.setattr(jaxtyping.config, "jaxtyping_disable", not check_types)
+            quiet_libraries()
+            Trainer(
+                **{**settings, **trainer},
+                max_epochs=epochs,
+                callbacks=[table, ResumableCheckpoint(folder / "skill.ckpt"), *callbacks],
+                default_root_dir=str(folder),
+            ).fit(
+                module,
+                datamodule=TransitionData(self.demonstration, batch_size=batch_size, seed=5),
+                ckpt_path=resume,
+                weights_only=True,
+            )
+        return table
+
+
+@pytest.fixture(scope="session")
+def training_of(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> Callable[..., Training]:
+    """Makes the training of some of the description's members."""
+
+    @cache
+    def make(*names: str) -> Training:
+        members = {name: description["members"][name] for name in names}
+        return Training(demonstration_frames, {**description, "members": members})
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def training(training_of: Callable[..., Training], description: dict[str, Any]) -> Training:
+    """Of both members: 20 frames, spans of 2, 4 and 8, so 18 + 16 + 12 = 46 transitions."""
+    return training_of(*description["members"])
+
+
+@pytest.fixture(scope="session")
+def demonstration(training: Training) -> Demonstration:
+    return training.demonstration
+
+
+@pytest.fixture(scope="session")
+def hand_made() -> type[HandMade]:
+    """Makes transitions of graphs that a test writes down."""
+    return HandMade
