@@ -128,7 +128,7 @@ def hand_made_recording() -> "Recording":
     from geoskill.geometry.poses import pose, rotation_about
     from geoskill.simulation.recording import Recording, as_png
     from geoskill.simulation.roles import SceneRole
-from geoskill.simulation.tasks.task import RolePart
+    from geoskill.simulation.tasks.task import RolePart
 
     bodies = ["world", "table", "box", "tile", "finger"]
     above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
@@ -163,7 +163,11 @@ from geoskill.simulation.tasks.task import RolePart
         poses=np.array(poses),
         lens=PinholeCamera(41, 31, 80.0, np.eye(4)),
         camera=np.stack([above, above]),
-        roles=(RolePart("box", SceneRole.OBJECT), RolePart("tile", SceneRole.TARGET), RolePart("finger", SceneRole.AGENT)),
+        roles=(
+            RolePart("box", SceneRole.OBJECT),
+            RolePart("tile", SceneRole.TARGET),
+            RolePart("finger", SceneRole.AGENT),
+        ),
     )
 
 
@@ -179,7 +183,7 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
 
     from geoskill.simulation.recording import Cloth, as_png
     from geoskill.simulation.roles import SceneRole
-from geoskill.simulation.tasks.task import INFINITE, RolePart
+    from geoskill.simulation.tasks.task import INFINITE, RolePart
 
     rest = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     folded = rest.copy()
