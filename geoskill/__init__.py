@@ -1,22 +1,29 @@
 """Learn a manipulation skill from one video by inferring which geometric features belong together."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from geoskill.config import TrainConfig
+    from geoskill.plugins import register
     from geoskill.skill.skill import Skill
     from geoskill.skill.temporal_filter import TemporalFilter
+    from geoskill.training.learn import LearnedSkill, learn
 
-__all__ = ["Skill", "TemporalFilter"]
+__all__ = ["LearnedSkill", "Skill", "TemporalFilter", "TrainConfig", "learn", "register"]
+
+_HOME = {
+    "LearnedSkill": "geoskill.training.learn",
+    "Skill": "geoskill.skill.skill",
+    "TemporalFilter": "geoskill.skill.temporal_filter",
+    "TrainConfig": "geoskill.config",
+    "learn": "geoskill.training.learn",
+    "register": "geoskill.plugins",
+}
 
 
 def __getattr__(name: str) -> Any:
     # The commands print their help before anything as heavy as PyTorch is imported.
-    if name == "Skill":
-        from geoskill.skill.skill import Skill
-
-        return Skill
-    if name == "TemporalFilter":
-        from geoskill.skill.temporal_filter import TemporalFilter
-
-        return TemporalFilter
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

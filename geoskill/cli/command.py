@@ -1,13 +1,14 @@
-"""What all commands share: Hydra's configuration, and what happens when something goes wrong."""
+"""What all commands share: the typed configuration of a run, and what happens when something goes wrong."""
 
-import difflib
 import errno
 import functools
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar, final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -16,7 +17,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from geoskill.cli.settings import check_kinds
+from geoskill.cli.compose import configuration_folder, explain_composition, refuse_renamed_keys, register_schemas, typed
+from geoskill.config import Config
 from geoskill.errors import InputError
 
 UNUSABLE_INPUT = 2
@@ -24,90 +26,91 @@ FAILURE = 1
 INTERRUPTED = 130
 FAILED_RUN = "error.txt"
 
-
-def configuration_folder() -> str:
-    """Where the YAML files lie: inside an installed package, beside the package in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    installed = package / "conf"
-    return str(installed if installed.is_dir() else package.parent / "conf")
+C = TypeVar("C", bound=Config)
 
 
-def run_command(name: str, job: Callable[[DictConfig], None]) -> None:
+@final
+@dataclass(frozen=True)
+class Run:
+    """One run of a command.
+
+    Attributes:
+        folder: where its files go; it exists.
+        choices: the choice of each group, by the group's name.
+        overrides: of the command line.
+        is_multirun: whether it is one of a sweep.
+    """
+
+    folder: Path
+    choices: Mapping[str, str]
+    overrides: Sequence[str]
+    is_multirun: bool
+
+
+def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> None:
     """Run ``job`` with the configuration ``conf/NAME.yaml`` and the command line's overrides.
 
     Whatever the user gave wrongly is told in one line, with exit status 2; a failure in the middle of work in one line
     with exit status 1. ``debug=true`` shows the traceback. A run of a sweep leaves that line in its folder, and the
     others go on; :class:`~geoskill.cli.sweep.SweepSummary` tells.
+
+    Args:
+        name: of the command.
+        schema: its configuration.
+        job: what it does.
     """
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
 
     def guarded(cfg: DictConfig) -> None:
-        def work() -> None:
-            check_kinds(cfg)
-            job(cfg)
+        run = current_run()
 
-        if HydraConfig.get().mode == RunMode.MULTIRUN:
-            _record_failure(work, Path(HydraConfig.get().runtime.output_dir) / FAILED_RUN)
+        def work() -> None:
+            job(typed(cfg, schema), run)
+
+        if run.is_multirun:
+            _record_failure(work, name, run.folder / FAILED_RUN)
         else:
-            _exit_on_error(work)  # here, for Hydra would print a line of its own
+            _exit_on_error(work, name)  # here, for Hydra would print a line of its own
 
     def command() -> None:
         _, unknown = get_args_parser().parse_known_args()
         if unknown:
             raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
+        refuse_renamed_keys()
+        register_schemas()
         hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(
             # Hydra names the run after the function's file.
             functools.wraps(job)(guarded)
         )()
 
-    _exit_on_error(command)
+    _exit_on_error(command, name)
+
+
+def current_run() -> Run:
+    """Return the run that Hydra is executing."""
+    config = HydraConfig.get()
+    return Run(
+        Path(config.runtime.output_dir),
+        dict(config.runtime.choices),
+        list(config.overrides.task),
+        config.mode == RunMode.MULTIRUN,
+    )
 
 
 def let_idle_threads_sleep() -> None:
     """Have threads of PyTorch that wait for each other sleep, where others have work for their cores.
 
-    By default they turn in circles for some milliseconds. Measured on two busy cores, selecting associations with two
-    threads beside two that extract features took six times as long. Only before PyTorch is imported has it an effect.
+    By default they spin for some milliseconds, which slows threads that extract features beside them (see
+    docs/experiments/speed.md). It has an effect only before PyTorch is imported.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
-def _show_traceback() -> None:
-    if {"debug=true", "debug=True"} & set(sys.argv):
-        traceback.print_exc()
+def explain(error: BaseException, command: str) -> tuple[int, str]:
+    """Return the exit status and the one line for an exception of a command, or for what caused it.
 
-
-def _exit_on_error(work: Callable[[], None]) -> None:
-    try:
-        work()
-    except BrokenPipeError:  # whoever read the output has seen enough, such as head
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(FAILURE)
-    except Exception as error:
-        _show_traceback()
-        status, message = explain(error)
-        print(f"error: {message}", file=sys.stderr)
-        sys.exit(status)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
-
-
-def _record_failure(work: Callable[[], None], path: Path) -> None:
-    path.unlink(missing_ok=True)
-    try:
-        work()
-    except Exception as error:
-        _show_traceback()
-        status, message = explain(error)
-        path.write_text(f"{status} {message}\n", encoding="utf-8")
-
-
-def explain(error: BaseException) -> tuple[int, str]:
-    """The exit status and the one line for an exception, or for what caused it.
-
-    >>> explain(InputError("seed=x: expected a number"))
+    >>> explain(InputError("seed=x: expected a number"), "train")
     (2, 'seed=x: expected a number')
     """
     for cause in _causes(error):
@@ -118,15 +121,39 @@ def explain(error: BaseException) -> tuple[int, str]:
             place = cause.filename2 or cause.filename or run  # of a move, where to; of a write, nothing
             return FAILURE, f"{place}: no space left on the disk; nothing that was complete is lost"
     if isinstance(error, OmegaConfBaseException) or type(error).__module__.startswith("hydra"):
-        return UNUSABLE_INPUT, _hydra_message(error)
+        return UNUSABLE_INPUT, explain_composition(error, command)
     return FAILURE, f"{type(error).__name__}: {_one_line(str(error))} (debug=true shows where)"
 
 
-def _similar_group(message: str) -> str:
-    """What was meant by a word in quotes that is almost the name of a group of options, if any."""
-    groups = [path.name for path in Path(configuration_folder()).iterdir() if path.is_dir()]
-    found = difflib.get_close_matches(message.partition("'")[2].partition("'")[0], groups, n=1)
-    return f"{found[0]}, or " if found else ""
+def _show_traceback() -> None:
+    if {"debug=true", "debug=True"} & set(sys.argv):
+        traceback.print_exc()
+
+
+def _exit_on_error(work: Callable[[], None], command: str) -> None:
+    try:
+        work()
+    except BrokenPipeError:  # whoever read the output has seen enough, such as head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(FAILURE)
+    except Exception as error:
+        _show_traceback()
+        status, message = explain(error, command)
+        print(f"error: {message}", file=sys.stderr)
+        sys.exit(status)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+def _record_failure(work: Callable[[], None], command: str, path: Path) -> None:
+    path.unlink(missing_ok=True)
+    try:
+        work()
+    except Exception as error:
+        _show_traceback()
+        status, message = explain(error, command)
+        path.write_text(f"{status} {message}\n", encoding="utf-8")
 
 
 def _causes(error: BaseException) -> list[BaseException]:
@@ -138,17 +165,3 @@ def _causes(error: BaseException) -> list[BaseException]:
 
 def _one_line(message: str) -> str:
     return " ".join(message.split())
-
-
-def _hydra_message(error: BaseException) -> str:
-    message = str(error)
-    for noise in ("Config search path", "To append to your config", "See https:", "Set the environment variable"):
-        message = message.partition(noise)[0]
-    lines = [line.strip() for line in message.splitlines() if line.strip()]
-    text = " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=", "reference_type=")))
-    if text.startswith("Could not override"):
-        # The keys of a task depend on which one it is.
-        near = "task=video for a video of yours, or " if "'task." in text else _similar_group(text)
-        return f"{text.rstrip('.')}: there is no such key; expected {near}one that --cfg job shows"
-    node = next((line.partition(":")[2].strip() for line in lines if line.startswith("full_key:")), "")
-    return text if node in text else f"{node}: {text}"

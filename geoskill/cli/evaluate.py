@@ -2,82 +2,106 @@
 
 import csv
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from geoskill.cli.command import run_command
+from geoskill.cli.command import Run, run_command
+from geoskill.cli.schemas import EvaluateCommandConfig, SimulatedTaskConfig
 from geoskill.errors import InputError
+
+if TYPE_CHECKING:
+    from geoskill.cli.sequences import LabeledSequence
+    from geoskill.io.disk_cache import DiskCache
+    from geoskill.skill.skill import Skill
 
 
 def main() -> None:
-    """Entry point of ``evaluate.py`` and ``geoskill-evaluate``."""
-    run_command("evaluate", evaluate)
+    """Run ``evaluate.py`` or ``geoskill-evaluate``."""
+    run_command("evaluate", EvaluateCommandConfig, evaluate)
 
 
-def evaluate(cfg: DictConfig) -> None:
-    """Write ``metrics.json`` and the verdict of every judged frame.
+def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
+    """Write ``metrics.json``, and the result of every evaluated frame.
 
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.cli.footage import demonstration_recording, simulated_footage, stored_seed, video_footage
-    from geoskill.cli.inputs import array_store, load_skill, open_recording, require_selection, required
-    from geoskill.cli.progress import quiet_libraries
-    from geoskill.cli.scoring import score, score_oracle
-    from geoskill.evaluation.metrics import summarize_ensemble
+    from geoskill.cli.inputs import load_skill, open_disk_cache, required
+    from geoskill.cli.scoring import score
     from geoskill.io.atomic import atomic_open
+    from geoskill.training.quiet import quiet_libraries
 
-    quiet_libraries()
-    simulated = "task" in cfg and cfg.task is not None
-    if simulated and not (cfg.video is None and cfg.regions is None):
+    if config.task is not None and not (config.video is None and config.regions is None):
         raise InputError("task and video are both set; expected a simulated task, or video=… regions=…")
-    if simulated and "scene" not in cfg.task:
+    if config.task is not None and not isinstance(config.task, SimulatedTaskConfig):
         raise InputError("task=video is no simulated task; expected one such as task=sorting, or video=… regions=…")
-    if not simulated:
-        required(cfg, "video", "a labeled video file or folder of images, or task=… for a simulated one")
-        required(cfg, "regions", "a JSON file of labeled regions")
-    if cfg.every < 1:
-        raise InputError(f"every={cfg.every}: expected at least 1")
-    require_selection(cfg.inference)
-    skill = load_skill(cfg)
-    choices, store = HydraConfig.get().runtime.choices, array_store(cfg)
-    if simulated:
-        seed = stored_seed(skill.learned_from) if cfg.seed is None else cfg.seed
-        footage = simulated_footage(cfg.task, cfg.scenario, seed, choices["scenario"], store)
-    else:
-        footage = video_footage(open_recording(cfg.video, cfg.frame_rate), cfg.regions, cfg.every, minimum=1)
-    assert footage.labels is not None
-    figures, rows = score(skill, footage.frames, footage.labels, cfg.every, cfg.inference)
-    if footage.recording is not None:
-        from geoskill.evaluation.baseline import track_hand_picked_pairs
-
-        baseline = track_hand_picked_pairs(footage.recording)
-        figures |= {"baseline_success": baseline.success, "baseline_pairs": [baseline.kept, baseline.picked]}
-        demonstrated = demonstration_recording(skill.learned_from, cfg.task, choices["task"], store)
-        if demonstrated is not None:
-            for name, bound in score_oracle(skill, demonstrated, footage.recording).items():
-                figures["members"][name] |= bound
-            figures |= summarize_ensemble(figures["members"])
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    with atomic_open(folder / "metrics.json") as file:
-        json.dump(
-            {"skill": str(cfg.skill), "video": footage.source.name, "every": cfg.every, **figures}, file, indent=2
-        )
-    with atomic_open(folder / "verdicts.csv") as file:
+    if config.task is None:
+        required("video", config.video, "a labeled video file or folder of images, or task=… for a simulated one")
+        required("regions", config.regions, "a JSON file of labeled regions")
+    with quiet_libraries():
+        store = open_disk_cache(config.cache)
+        skill = load_skill(config.skill, config.device, config.precision, store)
+        sequence = _sequence(config, run, skill, store)
+        assert sequence.labels is not None
+        metrics, rows = score(skill, sequence.frames, sequence.labels, config.every, config.inference)
+        if sequence.recording is not None:
+            metrics = _beside_simulation(metrics, config, skill, sequence, store)
+    with atomic_open(run.folder / "metrics.json") as file:
+        described = {"skill": str(config.skill), "video": sequence.source.name, "every": config.every}
+        json.dump({**described, **metrics}, file, indent=2)
+    with atomic_open(run.folder / "verdicts.csv") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    for name, member in figures["members"].items():
+    for name, member in metrics["members"].items():
         accuracy = member["top1_accuracy"]
         print(
             f"{name}: top-1 accuracy {'none' if accuracy is None else f'{accuracy:.3f}'}"
             f" on {member['feasible_frames']} of {member['frames']} frames, RSW {member['rsw']:.4f}"
         )
-    if figures["unlabeled_frames"]:
-        print(f"{figures['unlabeled_frames']} frames to be judged have no labels and were left out")
-    print(folder)
+    if metrics["unlabeled_frames"]:
+        print(f"{metrics['unlabeled_frames']} frames to be evaluated have no labels and were left out")
+    print(run.folder)
+
+
+def _sequence(config: EvaluateCommandConfig, run: Run, skill: "Skill", store: "DiskCache | None") -> "LabeledSequence":
+    from geoskill.cli.inputs import open_recording
+    from geoskill.cli.sequences import labeled_recording, labeled_video
+    from geoskill.skill.checkpoint import SimulatedScene
+
+    if config.task is None:
+        return labeled_video(open_recording(config.video, config.frame_rate), config.regions, config.every, minimum=1)
+    demonstrated = skill.provenance.scene
+    seed = config.seed if config.seed is not None else 0 if demonstrated is None else demonstrated.seed
+    return labeled_recording(SimulatedScene(config.task.name, seed, config.scenario), run.choices["scenario"], store)
+
+
+def _beside_simulation(
+    metrics: dict[str, Any],
+    config: EvaluateCommandConfig,
+    skill: "Skill",
+    sequence: "LabeledSequence",
+    store: "DiskCache | None",
+) -> dict[str, Any]:
+    """Return the metrics with those of the paper's trackers and of an oracle beside them."""
+    from geoskill.cli.scoring import score_oracle
+    from geoskill.cli.sequences import DEMONSTRATION, simulated_recording
+    from geoskill.evaluation.baseline import track_hand_picked_pairs
+    from geoskill.evaluation.metrics import summarize_ensemble
+
+    assert sequence.recording is not None
+    baseline = track_hand_picked_pairs(sequence.recording)
+    metrics = {
+        **metrics,
+        "baseline_success": baseline.success,
+        "baseline_pairs": [baseline.kept, baseline.picked],
+    }
+    scene = skill.provenance.scene
+    if scene is not None and scene.task == config.task.name:
+        demonstrated = simulated_recording(scene, DEMONSTRATION, store)
+        for name, bound in score_oracle(skill, demonstrated, sequence.recording).items():
+            metrics["members"][name] |= bound
+        metrics |= summarize_ensemble(metrics["members"])
+    return metrics
 
 
 if __name__ == "__main__":

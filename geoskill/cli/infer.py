@@ -1,40 +1,34 @@
 """``python infer.py``: select associations on every frame of a video, a folder or a camera."""
 
-from pathlib import Path
-
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from geoskill.cli.command import let_idle_threads_sleep, run_command
+from geoskill.cli.command import Run, let_idle_threads_sleep, run_command
+from geoskill.cli.schemas import InferCommandConfig
 
 
 def main() -> None:
-    """Entry point of ``infer.py`` and ``geoskill-infer``."""
-    run_command("infer", infer)
+    """Run ``infer.py`` or ``geoskill-infer``."""
+    run_command("infer", InferCommandConfig, infer)
 
 
-def infer(cfg: DictConfig) -> None:
+def infer(config: InferCommandConfig, run: Run) -> None:
     """Write what a skill says about every frame.
 
     Raises:
         InputError: for an unusable skill or video.
     """
     let_idle_threads_sleep()
-    from geoskill.cli.inputs import load_skill, require_selection, required, selection, use_threads
-    from geoskill.cli.progress import quiet_libraries
+    from geoskill.cli.inputs import load_skill, open_disk_cache, required, selection, use_threads
     from geoskill.cli.reporting import write_inference
     from geoskill.io.sources import open_frames
+    from geoskill.training.quiet import quiet_libraries
 
-    quiet_libraries()
-    threads = use_threads(cfg.threads)
-    video = required(cfg, "video", "a video file, a folder of images or a camera's number")
-    require_selection(cfg.inference)
-    skill = load_skill(cfg)
-    infer_next = selection(skill, cfg.inference)
-    source = open_frames(str(video), cfg.frame_rate)
-    folder = Path(HydraConfig.get().runtime.output_dir)
-    write_inference(skill, infer_next, source, source, folder, cfg.minimum_weight, {}, threads)
-    print(folder)
+    with quiet_libraries():
+        threads = use_threads(config.threads)
+        video = required("video", config.video, "a video file, a folder of images or a camera's number")
+        skill = load_skill(config.skill, config.device, config.precision, open_disk_cache(config.cache))
+        source = open_frames(str(video), config.frame_rate)
+        infer_next = selection(skill, config.inference)
+        write_inference(skill, infer_next, source, source, run.folder, config.inference.min_drawn_weight, {}, threads)
+    print(run.folder)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Reading what several commands are given."""
+"""Opening what a command is given."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
@@ -6,8 +6,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import torch
 from jaxtyping import UInt8
-from omegaconf import DictConfig
 
+from geoskill.cli.schemas import CacheConfig
+from geoskill.config import InferenceConfig, SelectionConfig
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
@@ -27,25 +28,25 @@ class Infer(Protocol):
     def __call__(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None, /
     ) -> InferenceResult:
-        """Those of the next frame."""
+        """Select those of the next frame."""
 
 
-def required(cfg: DictConfig, key: str, expected: str) -> Any:
-    """The value of a key that has no default.
+def required(key: str, value: Any, expected: str) -> Any:
+    """Return the value of a key that has no default.
 
     Raises:
         InputError: when it is not set.
     """
-    if cfg[key] is None:
+    if value is None:
         raise InputError(f"{key} is not set; expected {expected} ({key}=…)")
-    return cfg[key]
+    return value
 
 
 def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
-    """The frames of something that ends.
+    """Open frames that come to an end.
 
     Raises:
-        InputError: when it cannot be opened, or is a camera.
+        InputError: when they cannot be opened, or are those of a camera.
     """
     source = open_frames(str(path), frame_rate)
     if isinstance(source, Camera):
@@ -53,63 +54,39 @@ def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
     return source
 
 
-def load_skill(cfg: DictConfig) -> Skill:
-    """The skill of ``skill=RUN/skill.ckpt``, with the feature cache of the configuration.
+def load_skill(reference: str | None, device: str, precision: str | None, store: DiskCache | None) -> Skill:
+    """Load the skill of ``skill=``.
 
     Raises:
         InputError: when there is no such skill, or the device cannot be used.
     """
-    path = required(cfg, "skill", "the skill.ckpt of a training run")
+    path = required("skill", reference, "the skill.ckpt of a training run, or its folder")
     try:
-        torch.zeros(1, device=cfg.device)
+        torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without that device
-        raise InputError(f"device={cfg.device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
-    store = array_store(cfg)
+        raise InputError(f"device={device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
     cache = None if store is None else FeatureCache(store)
-    return Skill.load(str(path), device=cfg.device, cache=cache, precision=cfg.precision)
+    return Skill.load(path, device=device, cache=cache, precision=precision)
 
 
 def use_threads(threads: int | None) -> int:
-    """Let PyTorch take so many threads; None for as many as it likes. Others than PyTorch go by what this returns.
-
-    Raises:
-        InputError: when they are fewer than one.
-    """
+    """Let PyTorch take so many threads, None for as many as it likes, and return their number."""
     if threads is not None:
-        if threads < 1:
-            raise InputError(f"threads={threads}: expected at least 1")
         torch.set_num_threads(threads)
     return torch.get_num_threads()
 
 
-def array_store(cfg: DictConfig) -> DiskCache | None:
-    """Where features and recordings are kept between runs, if they are."""
-    return DiskCache(cfg.cache.folder, cfg.cache.limit_mb) if cfg.cache.enabled else None
+def open_disk_cache(config: CacheConfig) -> DiskCache | None:
+    """Return where features and recordings are kept between runs, if they are."""
+    return DiskCache(config.folder, config.limit_mb) if config.enabled else None
 
 
-def require_selection(inference: DictConfig) -> None:
-    """Refuse what is no way to select.
-
-    Raises:
-        InputError: when ``temporal`` is neither ``none`` nor ``filter``, or ``abstain`` not from 0 to 1.
-    """
-    if inference.temporal not in ("none", "filter"):
-        raise InputError(f"inference.temporal={inference.temporal}: expected none or filter")
-    if not 0 <= inference.abstain <= 1:
-        raise InputError(f"inference.abstain={inference.abstain}: expected a confidence from 0 (never) to 1")
-
-
-def selection(skill: Skill, inference: DictConfig) -> Infer:
-    """What selects associations in the frames of one video, in the order of time.
+def selection(skill: Skill, config: SelectionConfig | InferenceConfig) -> Infer:
+    """Return what selects associations in the frames of one video, in the order of time.
 
     Args:
         skill: scores them.
-        inference: has ``temporal``, ``none`` for each frame by itself or ``filter`` to keep what was selected
-            (:class:`TemporalFilter`), and ``abstain``, the confidence below which nothing is selected.
-
-    Raises:
-        InputError: when it has something else.
+        config: whether over time (:class:`TemporalFilter`), and the confidence below which nothing is selected.
     """
-    require_selection(inference)
-    select = skill.infer if inference.temporal == "none" else TemporalFilter(skill).infer
-    return lambda frame, features=None, /: abstain_below(select(frame, features), inference.abstain)
+    select = skill.infer if config.temporal == "none" else TemporalFilter(skill).infer
+    return lambda frame, features=None, /: abstain_below(select(frame, features), config.abstain)

@@ -1,9 +1,6 @@
 """What is shown, and not shown, while a command works."""
 
-import logging
-import os
 import sys
-import warnings
 from collections.abc import Iterable
 from typing import TypeVar
 
@@ -21,19 +18,3 @@ def show_progress(items: Iterable[Item], description: str, total: int | None = N
 
     hidden = getattr(rank_zero_only, "rank", 0) != 0 or not sys.stdout.isatty()
     return track(items, description=description, total=total, transient=True, disable=hidden)
-
-
-def quiet_libraries() -> None:
-    """Keep advice that is meant for others than our users from the terminal."""
-    os.environ.setdefault("WANDB_SILENT", "true")
-    logging.getLogger("lightning.pytorch.utilities.rank_zero").setLevel(logging.WARNING)
-    for package in ("lightning.pytorch", "lightning.fabric", "OpenGL"):
-        logging.getLogger(package).setLevel(logging.WARNING)
-    for message in (
-        ".*does not have many workers.*",  # batches are cut from memory
-        ".*smaller than the logging interval.*",
-        ".*`torch.jit.script` is deprecated.*",  # PyTorch Geometric calls it when imported
-        ".*exists and is not empty.*",
-        ".*treespec.*LeafSpec.*is deprecated.*",
-    ):
-        warnings.filterwarnings("ignore", message)

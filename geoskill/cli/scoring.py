@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omegaconf import DictConfig
-
 from geoskill.cli.inputs import selection
 from geoskill.cli.progress import show_progress
+from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
 from geoskill.evaluation.evaluator import evaluate_frames, member_name
 from geoskill.evaluation.labels import Labels
@@ -37,7 +36,7 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
 
 
 def score(
-    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, inference: DictConfig
+    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, config: SelectionConfig
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Figures over all judged frames, and a row for each member and judged frame.
 
@@ -46,11 +45,11 @@ def score(
     """
     return evaluate_frames(
         frames,
-        selection(skill, inference),
+        selection(skill, config),
         labels,
         [(member.kernel, member.descriptor) for member in skill.members.values()],
         every=every,
-        continuous=inference.temporal != "none",
+        continuous=config.temporal != "none",
         progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
     )
 

@@ -6,89 +6,18 @@ Source: Jin et al., ICRA 2020, equation 11 with the RSW regularizer and Algorith
 and "The reward is the weak spot, and how to mend it". The goal term is ours (:mod:`geoskill.objective.goal`).
 """
 
-import math
 from dataclasses import dataclass
-from typing import Literal, final, get_args
+from typing import final
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from geoskill.errors import InputError
+from geoskill.config import ObjectiveConfig
 from geoskill.objective.goal import goal_divergence
-from geoskill.objective.partition import SIGMA0_RANGE, log_partition, log_partition_monte_carlo
-from geoskill.objective.reward import ErrorChange, ErrorReduction, overall_error, reward, tracked_change
+from geoskill.objective.partition import log_partition, log_partition_monte_carlo
+from geoskill.objective.reward import overall_error, reward, tracked_change
 from geoskill.objective.selection import residual_sum_of_weights
-
-RewardKind = Literal["tracked", "frame"]
-PartitionKind = Literal["exact", "monte_carlo"]
-
-
-@final
-@dataclass(frozen=True)
-class ObjectiveSettings:
-    """What the objective is made of.
-
-    Attributes:
-        sigma0: standard deviation of the expert's rewards (METHOD #8).
-        rsw_weight: lambda, the weight of RSW.
-        alternatives: p, how many instances per frame RSW lets be selected.
-        reward: ``tracked`` follows each frame's own instances to the other frame; ``frame`` is the paper's literal
-            comparison of Ec between frames.
-        change: how a tracked instance's change of error is measured (:func:`~geoskill.objective.reward.error_change`).
-        error_reduction: how instances make up Ec (:func:`~geoskill.objective.reward.overall_error`).
-        partition: the closed form of log Z or the paper's estimate of it.
-        value_samples: s1 of the estimate, for the value.
-        gradient_samples: s2 of the estimate, for the gradient.
-        beta_scale: c of METHOD #12, from which beta is fitted to a demonstration.
-        goal_weight: weight of the goal term; 0 leaves it out, as the paper does.
-        goal_temperature: how much less than the best goal_progress still counts
-            (:func:`~geoskill.objective.goal.goal_divergence`).
-        goal_scale: what an instance's score should be ahead of another's, over what its goal_progress is.
-
-    Raises:
-        InputError: a value is outside its range; the message names the key.
-    """
-
-    sigma0: float = 0.55
-    rsw_weight: float = 0.1
-    alternatives: int = 10
-    reward: RewardKind = "tracked"
-    change: ErrorChange = "relative"
-    error_reduction: ErrorReduction = "norm"
-    partition: PartitionKind = "exact"
-    value_samples: int = 1000
-    gradient_samples: int = 1000
-    beta_scale: float = 1.5
-    goal_weight: float = 1.0
-    goal_temperature: float = 0.1
-    goal_scale: float = 200.0
-
-    def __post_init__(self) -> None:
-        lowest, highest = SIGMA0_RANGE
-        sigma0_fits = _is_number(self.sigma0) and lowest <= self.sigma0 <= highest
-        self._require("sigma0", sigma0_fits, f"a standard deviation from {lowest:g} to {highest:g}")
-        for key in ("rsw_weight", "goal_weight"):
-            value = getattr(self, key)
-            self._require(key, _is_number(value) and value >= 0, "a number that is not negative")
-        for key in ("beta_scale", "goal_temperature", "goal_scale"):
-            value = getattr(self, key)
-            self._require(key, _is_number(value) and value > 0, "a positive number")
-        for key in ("alternatives", "value_samples", "gradient_samples"):
-            value = getattr(self, key)
-            is_count = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-            self._require(key, is_count, "a whole number of at least 1")
-        for key, choices in (
-            ("reward", get_args(RewardKind)),
-            ("change", get_args(ErrorChange)),
-            ("error_reduction", get_args(ErrorReduction)),
-            ("partition", get_args(PartitionKind)),
-        ):
-            self._require(key, getattr(self, key) in choices, f"one of {', '.join(choices)}")
-
-    def _require(self, key: str, satisfied: bool, expected: str) -> None:
-        if not satisfied:
-            raise InputError(f"objective.{key} is {getattr(self, key)!r}; expected {expected}")
 
 
 @final
@@ -152,7 +81,7 @@ class ObjectiveValue:
 
 
 def transition_objective(
-    settings: ObjectiveSettings,
+    settings: ObjectiveConfig,
     beta: float | Float[Tensor, " frames"],
     first: FrameSelection,
     second: FrameSelection,
@@ -197,7 +126,7 @@ def transition_objective(
     likelihood = (rewards - _log_partition(settings, rewards, generator)).mean()
     rsw = torch.cat(
         [
-            residual_sum_of_weights(each.select_out, each.batch, each.num_frames, settings.alternatives)
+            residual_sum_of_weights(each.select_out, each.batch, each.num_frames, settings.top_k)
             for each in (first, second)
         ]
     ).mean()
@@ -211,12 +140,12 @@ def transition_objective(
     )
 
 
-def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, " frames"]:
+def _goal(settings: ObjectiveConfig, frames: FrameSelection) -> Float[Tensor, " frames"]:
     if settings.goal_weight == 0:
         return frames.select_out.new_zeros(frames.num_frames)
     if frames.goal_progress is None or frames.scores is None:
         raise ValueError(
-            f"a selection without goal_progress or scores; expected both for objective.goal_weight={settings.goal_weight}"
+            f"a selection without goal_progress or scores; expected both for goal_weight={settings.goal_weight}"
         )
     return goal_divergence(
         frames.scores,
@@ -229,7 +158,7 @@ def _goal(settings: ObjectiveSettings, frames: FrameSelection) -> Float[Tensor, 
 
 
 def _log_partition(
-    settings: ObjectiveSettings, rewards: Float[Tensor, " r"], generator: torch.Generator | None
+    settings: ObjectiveConfig, rewards: Float[Tensor, " r"], generator: torch.Generator | None
 ) -> Float[Tensor, " r"]:
     if settings.partition == "exact":
         return log_partition(rewards, settings.sigma0)
@@ -240,7 +169,3 @@ def _log_partition(
 
 def _has_instance(frames: FrameSelection) -> Tensor:
     return torch.bincount(frames.batch, minlength=frames.num_frames) > 0
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

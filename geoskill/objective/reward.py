@@ -4,8 +4,6 @@
 Source: Jin et al., ICRA 2020, equations 6 and 7; METHOD, settled points 2, 11 and 12.
 """
 
-from typing import Literal, get_args
-
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -13,9 +11,6 @@ from torch_geometric.utils import scatter
 
 from geoskill.errors import InputError
 from geoskill.geometry.control_errors import error_norm
-
-ErrorReduction = Literal["norm", "vector"]
-ErrorChange = Literal["relative", "absolute"]
 
 
 def reward(
@@ -51,7 +46,7 @@ def overall_error(
     errors: Float[Tensor, "m d"],
     batch: Int[Tensor, " m"],
     num_frames: int,
-    reduction: ErrorReduction,
+    reduction: str,
 ) -> Float[Tensor, " frames"]:
     """Magnitude of each frame's overall control error Ec (equation 6), in the error's unit.
 
@@ -76,11 +71,11 @@ def overall_error(
         return _sum_by_frame(select_out * error_norm(errors), batch, num_frames)
     if reduction == "vector":
         return error_norm(_sum_by_frame(select_out[:, None] * errors, batch, num_frames))
-    raise InputError(f"error_reduction is {reduction!r}; expected one of {', '.join(get_args(ErrorReduction))}")
+    raise InputError(f"error_reduction is {reduction!r}; expected norm or vector")
 
 
 def error_change(
-    before: Float[Tensor, " m"], after: Float[Tensor, " m"], kind: ErrorChange, resolution: float
+    before: Float[Tensor, " m"], after: Float[Tensor, " m"], kind: str, resolution: float
 ) -> Float[Tensor, " m"]:
     """By how much each instance's error norm changes between two frames; exchanging them flips the sign.
 
@@ -105,7 +100,7 @@ def error_change(
     if kind == "relative":
         # Two features at rest are measured with an error of about the resolution each, at both ends of the span.
         return (after - before) / (after + before + 4.0 * resolution)
-    raise InputError(f"objective.change is {kind!r}; expected one of {', '.join(get_args(ErrorChange))}")
+    raise InputError(f"change is {kind!r}; expected relative or absolute")
 
 
 def beta_from_changes(

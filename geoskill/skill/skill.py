@@ -1,8 +1,9 @@
 """A learned skill: load it, and ask it which features of a frame belong together."""
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 import numpy as np
 import torch
@@ -16,71 +17,94 @@ from geoskill.graphs.motif_graph import motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
+from geoskill.skill.checkpoint import Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
-from geoskill.skill.spec import SkillComponents, build
+from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
 
 
 @final
 class Skill:
-    """The members of a learned skill with the extractors that feed them.
+    """The members of a learned skill with the feature pipelines that feed them.
 
     Args:
-        parts: members with trained weights, extractors, and how many associations per member are listed.
+        components: members with trained weights, and feature pipelines.
+        spec: what they were built from.
+        provenance: where the weights come from.
     """
 
-    def __init__(self, parts: SkillComponents) -> None:
-        self.members: Mapping[str, KernelModel] = parts.members
-        self.pipelines: Mapping[str, FeaturePipeline] = parts.pipelines
-        self.alternatives = parts.alternatives
-        self.learned_from = parts.learned_from
+    def __init__(self, components: SkillComponents, spec: SkillSpec, provenance: Provenance) -> None:
+        self.members: Mapping[str, KernelModel] = components.members
+        self.pipelines: Mapping[str, FeaturePipeline] = components.pipelines
+        self.spec = spec
+        self.provenance = provenance
         for member in self.members.values():
             member.eval()
 
+    @property
+    def top_k(self) -> int:
+        """Associations listed per frame and member."""
+        return self.spec.top_k
+
+    def __repr__(self) -> str:
+        origin = self.provenance
+        state = "" if origin.finished else f", unfinished: {origin.epochs[0]} of {origin.epochs[1]} epochs"
+        width, height = origin.image_size
+        metrics = ", ".join(f"{name} {value:.3g}" for name, value in origin.metrics.items())
+        return (
+            f"Skill({', '.join(self.members)}; learned from {', '.join(origin.sources)} at {width}x{height},"
+            f" {origin.date}, geoskill {origin.version}, seed {origin.seed}{state}{'; ' + metrics if metrics else ''})"
+        )
+
     @classmethod
     def load(
-        cls, path: str | Path, *, device: str = "cpu", cache: FeatureCache | None = None, precision: str | None = None
+        cls,
+        reference: str | Path,
+        *,
+        device: str = "cpu",
+        cache: FeatureCache | None = None,
+        precision: str | None = None,
     ) -> "Skill":
-        """The skill of a checkpoint.
+        """Load the skill of a checkpoint.
+
+        An unfinished training is loaded with a warning: its confidence is not calibrated.
 
         Args:
-            path: ``skill.ckpt`` of a run.
+            reference: ``skill.ckpt`` of a run, the run's folder, or ``wandb:ENTITY/PROJECT/NAME:ALIAS``.
             device: where the networks run.
             cache: where extracted features are kept, or None.
             precision: of the messages, ``float32`` or ``bfloat16``, in place of the one that it was trained with.
 
         Raises:
-            InputError: when the file is missing, is no checkpoint of a skill, its weights do not fit, there is no such
-                device, or its network has no such precision.
+            InputError: when the file is missing, is no checkpoint of a skill, needs a package that is not installed,
+                its weights do not fit, there is no such device, or its network has no such precision.
         """
-        checkpoint = read_checkpoint(path)
-        try:
-            parts = build(checkpoint["skill"], cache)
-            for name, member in parts.members.items():
-                prefix = f"members.{name}."
-                weights = {
-                    key.removeprefix(prefix): value
-                    for key, value in checkpoint["state_dict"].items()
-                    if key.startswith(prefix)
-                }
-                member.load_state_dict(weights)
-                if precision is not None:
-                    _use_precision(member, precision)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
-        except Exception as error:
-            message = " ".join(str(error).split())
-            raise InputError(f"{path}: its weights do not fit its description ({message[:200]})") from error
-        try:
-            for member in parts.members.values():
+        stored = read_skill(reference)
+        components = build_stored(stored, cache)
+        if not stored.provenance.finished:
+            done, wanted = stored.provenance.epochs
+            warnings.warn(
+                f"{stored.path} is unfinished ({done} of {wanted} epochs): its confidence is not calibrated; go on with"
+                f" ckpt_path={stored.path}",
+                stacklevel=2,
+            )
+        for member in components.members.values():
+            if precision is not None:
+                _use_precision(member, precision)
+            try:
                 member.to(device)
-        except (RuntimeError, AssertionError) as error:  # PyTorch asserts that it was built for the device
-            raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
-        return cls(parts)
+            except (RuntimeError, AssertionError) as error:  # PyTorch asserts that it was built for the device
+                raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
+        return cls(components, stored.spec, stored.provenance)
+
+    def save(self, path: str | Path) -> None:
+        """Write the skill as a checkpoint that can be loaded, but not trained further."""
+        weights = torch.nn.ModuleDict(dict(self.members)).state_dict(prefix="members.")
+        write_checkpoint(path, {"skill": skill_entry(self.spec, self.provenance), "state_dict": dict(weights)})
 
     def infer(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
     ) -> InferenceResult:
-        """The associations that define the task in one RGB frame, whatever frames came before.
+        """Select the associations that define the task in one RGB frame, whatever frames came before.
 
         Args:
             frame: the picture.
@@ -89,13 +113,13 @@ class Skill:
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
-        observation = self.observe(frame, features)
-        return observation.result(
-            {name: scored.associations(scored.best(self.alternatives)) for name, scored in observation.members.items()}
+        scored_frame = self.observe(frame, features)
+        return scored_frame.result(
+            {name: scored.associations(scored.best(self.top_k)) for name, scored in scored_frame.members.items()}
         )
 
     def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> dict[str, FeatureSet]:
-        """What each extractor finds in one RGB frame, by the extractor's name; of several frames at once if wanted.
+        """Extract the features of one RGB frame, by the extractor's name; safe to call from several threads.
 
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
@@ -108,7 +132,7 @@ class Skill:
     def observe(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
     ) -> ScoredFrame:
-        """The scores of all instances in one RGB frame; the arguments and errors are those of :meth:`infer`."""
+        """Score all instances in one RGB frame; the arguments and errors are those of :meth:`infer`."""
         features = self.extract(frame) if features is None else features
         members = {}
         for name, member in self.members.items():
@@ -119,28 +143,27 @@ class Skill:
         return ScoredFrame(features, members)
 
 
+def build_stored(stored: StoredSkill, cache: FeatureCache | None = None) -> SkillComponents:
+    """Build the members of a checkpoint with its weights.
+
+    Raises:
+        InputError: when a part is not installed here, or the weights do not fit.
+    """
+    try:
+        components = build_skill(stored.spec, cache)
+        for name, member in components.members.items():
+            member.load_state_dict(dict(stored.weights[name]))
+    except InputError as error:
+        raise InputError(f"{stored.path}: {error}") from error
+    except Exception as error:
+        message = " ".join(str(error).split())
+        raise InputError(f"{stored.path}: its weights do not fit its specification ({message[:200]})") from error
+    return components
+
+
 def _use_precision(member: KernelModel, precision: str) -> None:
     scorer = member.scorer
     if isinstance(scorer, MessagePassing):
         scorer.use_precision(precision)
     elif precision != "float32":
         raise InputError(f"precision={precision}: {type(scorer).__name__} passes no messages; expected float32 or null")
-
-
-def read_checkpoint(path: str | Path) -> dict[str, Any]:
-    """A checkpoint's plain values and tensors; nothing in it is executed.
-
-    Raises:
-        InputError: when the file is missing or is no checkpoint of a skill.
-    """
-    if not Path(path).is_file():
-        raise InputError(f"{path}: no such file; expected the skill.ckpt of a training run")
-    try:
-        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # a broken archive raises anything from EOFError to UnpicklingError
-        raise InputError(
-            f"{path}: cannot be read as a checkpoint; expected the skill.ckpt of a training run"
-        ) from error
-    if not isinstance(checkpoint, dict) or not {"skill", "state_dict"} <= checkpoint.keys():
-        raise InputError(f"{path}: is no skill of this program; expected the skill.ckpt of a training run")
-    return checkpoint

@@ -1,159 +1,297 @@
-"""What a skill is made of, as plain values: the part of a checkpoint that its weights fit into.
+"""The specification of a skill: named parts with plain arguments, into which a checkpoint's weights fit.
 
 ::
 
-    format: 2
-    extractors: {sift: {_target_: geoskill.features.sift.Sift, ...}}
-    members:    {p2p_sift: {kernel: {_target_: ...}, extractors: {point: sift}}}
-    model:      {_target_: ..., _partial_: true, ...}
+    format: 3
+    extractors: {sift: {name: sift, package: geoskill, arguments: {root: false, ...}}}
+    members:    {p2p_sift: {kernel: {name: p2p, ...}, extractors: {point: sift}}}
+    model:      {name: message_passing, package: geoskill, arguments: {hidden_dim: 32, ...}}
     features:   {max_features: 60, min_side: 480, color: 8.0}
-    alternatives: 10
-    demonstrations: 1
-    learned_from: {task: sorting, seed: 0, scenario: {actor: human, ...}}  # if simulated; else it is not there
+    top_k: 10
+
+A checkpoint may come from a stranger. Everything in it is read as plain values into the dataclasses below, with types
+checked and unknown names refused; classes are found by name in the registries of :mod:`geoskill.plugins`.
 """
 
 import zlib
-from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
-from importlib import import_module
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any, final
 
 import torch
 
+from geoskill.config import MODELS, FeaturesConfig
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
-from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import InstanceScorer, Motif
+from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, Registry
+from geoskill.schema import as_plain, settings_of
 
-FORMAT = 2
+FORMAT = 3
+
+Plain = bool | int | float | str | None
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """A class by its registered name, with a user's arguments.
+
+    Attributes:
+        name: as on the command line.
+        package: the package to install for it.
+        arguments: plain values.
+    """
+
+    name: str
+    package: str
+    arguments: Mapping[str, Plain]
+
+    @classmethod
+    def of(cls, registry: Registry, name: str, arguments: Mapping[str, Plain]) -> "Part":
+        """Return the part with all of its arguments, defaults included.
+
+        Raises:
+            InputError: when there is no such class or argument.
+        """
+        registry.build(name, arguments)
+        defaults = {
+            key: parameter.default
+            for key, parameter in registry.parameters(name).items()
+            if parameter.default is not parameter.empty
+        }
+        return cls(name, registry.provider(name), {**defaults, **arguments})
+
+    @classmethod
+    def from_plain(cls, value: object, where: str) -> "Part":
+        """Read a part of a checkpoint.
+
+        Raises:
+            InputError: when it is something else.
+        """
+        entries = mapping_of(value, where, ("name", "package", "arguments"))
+        arguments = mapping_of(entries["arguments"], f"{where}.arguments")
+        for key, argument in arguments.items():
+            if not isinstance(argument, bool | int | float | str | None):
+                raise InputError(f"the skill's {where}.arguments.{key} is {argument!r}; expected a plain value")
+        return cls(
+            text_of(entries["name"], f"{where}.name"), text_of(entries["package"], f"{where}.package"), arguments
+        )
+
+
+@final
+@dataclass(frozen=True)
+class MemberSpec:
+    """A member of the ensemble: its kernel, and the extractor that feeds each node type."""
+
+    kernel: Part
+    extractors: Mapping[str, str]
+
+
+@final
+@dataclass(frozen=True)
+class SkillSpec:
+    """Everything that is needed to build a skill's members.
+
+    Attributes:
+        extractors: by name.
+        members: by name, such as ``p2p_sift``: the kernel and the extractors of its node types.
+        model: the network of every member.
+        features: settings of the feature pipelines.
+        top_k: associations listed per frame and member.
+    """
+
+    extractors: Mapping[str, Part]
+    members: Mapping[str, MemberSpec]
+    model: Part
+    features: FeaturesConfig
+    top_k: int
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return the specification as it stands in a checkpoint."""
+        return {"format": FORMAT, **as_plain(self)}
+
+    @classmethod
+    def from_plain(cls, value: object) -> "SkillSpec":
+        """Read the specification of a checkpoint.
+
+        Raises:
+            InputError: when it is of another format, or has anything but plain values of the expected types.
+        """
+        found = value.get("format") if isinstance(value, Mapping) else None
+        if found != FORMAT:
+            raise InputError(f"the skill's format is {found!r}; expected {FORMAT} (learn it again with this version)")
+        entries = mapping_of(value, "specification", ("format", *(own.name for own in fields(cls))))
+        extractors = mapping_of(entries["extractors"], "extractors")
+        members = {}
+        for name, member in mapping_of(entries["members"], "members").items():
+            own = mapping_of(member, f"members.{name}", ("kernel", "extractors"))
+            feeds = mapping_of(own["extractors"], f"members.{name}.extractors")
+            for node_type, extractor in feeds.items():
+                if node_type not in tuple(NodeType) or extractor not in extractors:
+                    raise InputError(
+                        f"the skill's members.{name} takes {node_type!r} from {extractor!r}; expected others"
+                    )
+            members[name] = MemberSpec(Part.from_plain(own["kernel"], f"members.{name}.kernel"), feeds)
+        top_k = entries["top_k"]
+        if not members or type(top_k) is not int or top_k < 1:
+            raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
+        features = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        return cls(
+            {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
+            members,
+            Part.from_plain(entries["model"], "model"),
+            FeaturesConfig(**features),
+            top_k,
+        )
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class SkillComponents:
-    """The objects of a skill: its members and the extractors that feed them, both by name, and what it was taught."""
+    """The objects of a skill: members and feature pipelines, both by name."""
 
     members: dict[str, KernelModel]
     pipelines: dict[str, FeaturePipeline]
-    alternatives: int
-    learned_from: Mapping[str, Any] = field(default_factory=dict)
 
 
-def describe(
-    kernels: Mapping[str, Any],
-    descriptors: Mapping[str, Any],
-    model: Mapping[str, Any],
-    features: Mapping[str, Any],
-    alternatives: int,
-) -> dict[str, Any]:
-    """The description of a skill with one member for every kernel and every descriptor that fits its nodes.
+def plan_skill(kernel: object, descriptor: object, model: object, features: FeaturesConfig, top_k: int) -> SkillSpec:
+    """Return the specification with one member for every kernel and every descriptor that fits its nodes.
 
-    All arguments hold plain values as in the configuration; ``features`` is what a pipeline is given.
+    Args:
+        kernel: a name, names, or names with arguments; ``p2p_l2l`` stands for both kernels.
+        descriptor: likewise, without the short form.
+        model: a name, or a mapping (or configuration class) of ``name`` and arguments.
+        features: settings of the feature pipelines.
+        top_k: associations listed per frame and member.
 
     Raises:
-        InputError: when a kernel has a node type that no descriptor describes, ``alternatives`` is below 1, or a
-            cascade looks at fewer instances than are listed.
+        InputError: when a name or argument is unknown, a kernel has a node type that no descriptor describes, or the
+            cascade of the network looks at fewer instances than are listed.
     """
-    if alternatives < 1:
-        raise InputError(f"inference.alternatives={alternatives}: expected at least 1")
-    cascade = model.get("cascade")
-    if cascade is not None and cascade < alternatives:
+    network = _plan_network(model)
+    cascade = network.arguments.get("cascade")
+    if isinstance(cascade, int) and cascade < top_k:
         raise InputError(
-            f"model.cascade={cascade}: expected at least inference.alternatives={alternatives}, which are listed of"
-            " each frame, or null"
+            f"cascade={cascade}: expected at least top_k={top_k}, the associations that are listed of a frame, or null"
         )
-    kinds = {name: _extractor(settings).node_type for name, settings in descriptors.items()}
-    members: dict[str, Any] = {}
-    for kernel_name, settings in kernels.items():
+    described = {
+        name: Part.of(EXTRACTORS, name, arguments) for name, arguments in named_parts(descriptor, EXTRACTORS).items()
+    }
+    node_type_of = {name: _build(EXTRACTORS, part).node_type for name, part in described.items()}
+    members: dict[str, MemberSpec] = {}
+    for kernel_name, kernel_arguments in named_parts(kernel, KERNELS).items():
+        part = Part.of(KERNELS, kernel_name, kernel_arguments)
         choices = []
-        for node_type in node_types(_kernel(settings)):
-            fitting = [name for name, kind in kinds.items() if kind is node_type]
+        for node_type in node_types(_build(KERNELS, part)):
+            fitting = [name for name, kind in node_type_of.items() if kind is node_type]
             if not fitting:
-                described = ", ".join(f"{name} describes a {kind}" for name, kind in kinds.items())
+                known = ", ".join(f"{name} describes a {kind}" for name, kind in node_type_of.items())
                 raise InputError(
-                    f"kernel={kernel_name} joins a {node_type}, and {described}; expected a descriptor of a"
-                    f" {node_type} too (several are given as descriptor=[orb,lbd])"
+                    f"kernel={kernel_name} joins a {node_type}, and {known}; expected a descriptor of a {node_type} too"
+                    " (several are given as descriptor=[orb,lbd])"
                 )
             choices.append([(str(node_type), name) for name in fitting])
         for choice in product(*choices):
-            name = "_".join([kernel_name, *(extractor for _, extractor in choice)])
-            members[name] = {"kernel": dict(settings), "extractors": dict(choice)}
-    used = {name for member in members.values() for name in member["extractors"].values()}
-    return {
-        "format": FORMAT,
-        "extractors": {name: dict(settings) for name, settings in descriptors.items() if name in used},
-        "members": members,
-        "model": dict(model),
-        "features": dict(features),
-        "alternatives": alternatives,
-    }
+            members["_".join([kernel_name, *(name for _, name in choice)])] = MemberSpec(part, dict(choice))
+    used = {name for member in members.values() for name in member.extractors.values()}
+    extractors = {name: part for name, part in described.items() if name in used}
+    return SkillSpec(extractors, members, network, features, top_k)
 
 
-def build(description: Mapping[str, Any], cache: FeatureCache | None = None, seed: int = 0) -> SkillComponents:
-    """The objects of a description; the networks have fresh weights.
+def _plan_network(model: object) -> Part:
+    arguments = as_plain({"name": model} if isinstance(model, str) else model)
+    if not isinstance(arguments, dict) or not isinstance(arguments.get("name"), str):
+        raise InputError(f"model={model}: expected a name, or a mapping of name and arguments")
+    name = arguments.pop("name")
+    if name in MODELS:  # whose defaults and ranges are in the configuration
+        known = [key for key, _, _ in settings_of(MODELS[name]) if key != "name"]
+        for key in arguments:
+            if key not in known:
+                raise InputError(f"model={name} has no argument {key!r}; expected {', '.join(known)}")
+        arguments = {key: value for key, value in as_plain(MODELS[name](**arguments)).items() if key != "name"}
+    return Part.of(SCORERS, name, arguments)
+
+
+def named_parts(value: object, registry: Registry) -> dict[str, dict[str, Plain]]:
+    """Return the names of a setting with their arguments.
+
+    >>> named_parts(["sift", "lbd"], EXTRACTORS)
+    {'sift': {}, 'lbd': {}}
+
+    Raises:
+        InputError: when it holds no name.
+    """
+    if isinstance(value, str):
+        parts = value.split("_")
+        ensemble = value not in registry.names() and all(part in registry.names() for part in parts)
+        value = parts if ensemble else [value]
+    value = as_plain(value)
+    named = value if isinstance(value, dict) else {key: {} for key in value} if isinstance(value, list) else {}
+    if not named or not all(isinstance(arguments, dict | None) for arguments in named.values()):
+        raise InputError(f"{registry.kind}={value}: expected at least one of {', '.join(registry.names())}")
+    return {name: dict(arguments or {}) for name, arguments in named.items()}
+
+
+def build_skill(spec: SkillSpec, cache: FeatureCache | None = None, seed: int = 0) -> SkillComponents:
+    """Build the members of a skill; the networks have fresh weights.
 
     These depend on the seed and the member's name, not on what other members there are or on what was drawn before.
     PyTorch's own generator is left as it was.
 
     Raises:
-        InputError: when the description is of another format or names anything outside this package.
-        KeyError, TypeError: when it lacks a part.
+        InputError: when a part is not installed here, or does not take its arguments.
     """
-    if description.get("format") != FORMAT:
-        raise InputError(f"the skill's format is {description.get('format')!r}; expected {FORMAT}")
     pipelines = {
-        name: FeaturePipeline(_extractor(settings), cache=cache, **description["features"])
-        for name, settings in description["extractors"].items()
+        name: FeaturePipeline(_build(EXTRACTORS, part), cache=cache, **as_plain(spec.features))
+        for name, part in spec.extractors.items()
     }
     members = {}
-    for name, settings in description["members"].items():
-        kernel = _kernel(settings["kernel"])
-        extractors = {NodeType(kind): extractor for kind, extractor in settings["extractors"].items()}
+    for name, member in spec.members.items():
+        kernel: Kernel = _build(KERNELS, member.kernel)
+        extractors = {NodeType(kind): extractor for kind, extractor in member.extractors.items()}
         dims = {kind: pipelines[extractor].descriptor_dim for kind, extractor in extractors.items()}
         sides = {kind: pipelines[extractor].patch_side for kind, extractor in extractors.items()}
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(zlib.crc32(f"{seed} {name}".encode()))
-            scorer: InstanceScorer = _part(description["model"], InstanceScorer)(Motif.of(kernel, dims, sides))
+            scorer: InstanceScorer = _build(SCORERS, spec.model, Motif.of(kernel, dims, sides))
         members[name] = KernelModel(kernel, extractors, scorer)
-    return SkillComponents(members, pipelines, int(description["alternatives"]), description.get("learned_from", {}))
+    return SkillComponents(members, pipelines)
 
 
-def _extractor(settings: Mapping[str, Any]) -> FeatureExtractor:
-    extractor: FeatureExtractor = _complete(settings, FeatureExtractor)
-    return extractor
+def mapping_of(value: object, where: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
+    """Return a mapping of a checkpoint, with these keys and no others where they are given.
 
-
-def _kernel(settings: Mapping[str, Any]) -> Kernel:
-    kernel: Kernel = _complete(settings, Kernel)
-    return kernel
-
-
-def _complete(settings: Mapping[str, Any], kind: type) -> Any:
-    try:
-        return _part(settings, kind)()
-    except TypeError as error:
-        raise InputError(f"{settings['_target_']}: {error}") from error
-
-
-def _part(settings: Mapping[str, Any], kind: type) -> Callable[..., Any]:
-    """The class that a part names, with the part's arguments.
-
-    Not Hydra's ``instantiate``, which finds whatever a module of this package has imported, also ``os.system``, and
-    builds what the arguments name too: a checkpoint from elsewhere must not be able to call what it likes.
+    Raises:
+        InputError: when it is something else.
     """
-    target = str(settings.get("_target_"))
-    module, _, name = target.rpartition(".")
-    found = None
-    if module.startswith("geoskill."):
-        with suppress(ImportError):
-            found = getattr(import_module(module), name, None)
-    if not (isinstance(found, type) and issubclass(found, kind) and found.__module__ == module):
-        raise InputError(f"the skill's part {target!r} is no {kind.__name__} of this package; expected geoskill.…")
-    return partial(found, **{key: value for key, value in settings.items() if key not in ("_target_", "_partial_")})
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise InputError(f"the skill's {where} is {value!r}; expected names with values")
+    if keys is not None and set(value) != set(keys):
+        raise InputError(f"the skill's {where} has {', '.join(value)}; expected {', '.join(keys)}")
+    return dict(value)
+
+
+def text_of(value: object, where: str) -> str:
+    """Return a text of a checkpoint.
+
+    Raises:
+        InputError: when it is something else.
+    """
+    if not isinstance(value, str):
+        raise InputError(f"the skill's {where} is {value!r}; expected text")
+    return value
+
+
+def _build(registry: Registry, part: Part, *given: object) -> Any:
+    try:
+        return registry.build(part.name, part.arguments, part.package)(*given)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{registry.kind}={part.name}: {error}") from error

@@ -105,7 +105,7 @@ class TemporalFilter:
             spread = scored.spread
             scored = scored.penalized(self._moved_as_one(scored), CO_MOTION_PENALTY * spread)
             kept = self._still_kept(self._kept.pop(name, None), scored, spread, gray)
-            best = scored.associations(scored.best(self.skill.alternatives))
+            best = scored.associations(scored.best(self.skill.top_k))
             if kept is None and best:
                 kept = _Selected(best[0], _looks(best[0].nodes, gray))
             if kept is not None and best:

@@ -1,4 +1,6 @@
-"""What a learned skill's confidence is measured by: how far ahead its choice is in the demonstration."""
+"""The reference margin of a skill's confidence: by how much its choice leads in the demonstration."""
+
+from collections.abc import Mapping
 
 import torch
 
@@ -8,11 +10,11 @@ from geoskill.model.kernel_model import KernelModel
 
 
 @torch.no_grad()
-def fit_reference_margin(members: dict[str, KernelModel], demonstration: Transitions) -> None:
-    """Fit each member's ``reference_margin``: the median over the demonstration's frames of the best score's lead.
+def fit_reference_margin(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
+    """Fit each member's ``reference_margin``: the median over the demonstration's frames of the best score's margin.
 
-    Frames with fewer than two associations have none and are left out. The members are in evaluation mode afterward,
-    for the scores are to be those that a skill uses: in training mode a cascade scores all instances exactly.
+    Frames with fewer than two associations have no margin and are left out. The members are in evaluation mode
+    afterward, for the scores are to be those that a skill uses: in training mode a cascade scores all instances exactly.
 
     Args:
         members: by name, with the weights that they are to be used with.
@@ -22,4 +24,4 @@ def fit_reference_margin(members: dict[str, KernelModel], demonstration: Transit
         member.eval()
         scores = [member(graph) for graph in demonstration.frames(name) if graph.instance_index.shape[1] > 1]
         if scores:
-            member.set_reference_margin(torch.stack([score_margins(each).max() for each in scores]).median())
+            member.set_reference_margin(torch.stack([score_margins(frame).max() for frame in scores]).median())

@@ -1,25 +1,33 @@
-"""What Lightning does besides training: the table of curves, and a checkpoint that is always there to resume from."""
+"""Lightning callbacks: the table of curves, and a checkpoint to resume from, whose last version is the skill."""
 
+import copy
 import csv
-import os
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
+from torch import Tensor, nn
 
-from geoskill.io.atomic import atomic_open
+from geoskill.data.transitions import Transitions
+from geoskill.io.atomic import atomic_open, atomic_path
+from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.checkpoint import Provenance, skill_entry
+from geoskill.skill.spec import SkillSpec
+from geoskill.training.calibration import fit_reference_margin
 
 
 @final
 class MetricsTable(Callback):
-    """The curves as ``metrics.csv``, one row a step; whole again after a resumed training, since it is in checkpoints.
+    """The curves as rows, one a step; checkpoints hold them, so that a resumed training has all of them.
 
     Args:
-        path: the file; replaced at the end of every epoch.
+        path: of a CSV file, replaced at the end of every epoch, or None.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None = None) -> None:
         self.path = path
         self.rows: list[dict[str, float]] = []
 
@@ -32,7 +40,7 @@ class MetricsTable(Callback):
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Write the table."""
-        if not trainer.is_global_zero or not self.rows:
+        if self.path is None or not trainer.is_global_zero or not self.rows:
             return
         with atomic_open(self.path, newline="") as file:
             writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
@@ -40,12 +48,72 @@ class MetricsTable(Callback):
             writer.writerows(self.rows)
 
     def state_dict(self) -> dict[str, Any]:
-        """The rows so far."""
+        """Return the rows so far."""
         return {"rows": self.rows}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Go on after the rows of an earlier run."""
+        """Take the rows of an earlier run."""
         self.rows = list(state_dict["rows"])
+
+
+@final
+class SkillRecord(Callback):
+    """The entry ``skill`` of every checkpoint, and the calibration of the last one.
+
+    In the checkpoint of the last epoch, the confidence is calibrated with the averaged weights before anything is
+    written, and the skill is marked as finished. In all others it is marked as unfinished. So a file is at any moment
+    either a complete skill or says that it is none. It comes after a callback that averages weights.
+
+    Args:
+        spec: what the skill is made of.
+        provenance: where it comes from; epochs and metrics are filled in here.
+        demonstration: to calibrate with.
+    """
+
+    def __init__(self, spec: SkillSpec, provenance: Provenance, demonstration: Transitions) -> None:
+        self.spec = spec
+        self.provenance = provenance
+        self.demonstration = demonstration
+        self._margins: Mapping[str, Tensor] = {}
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Take over the epochs of an earlier run."""
+        self._take_in(trainer, trainer.current_epoch)
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Take in the epoch's metrics. Stopping early is decided later, by another callback."""
+        self._take_in(trainer, trainer.current_epoch + 1)
+
+    def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
+        """Complete what is about to be written."""
+        done, wanted = self.provenance.epochs
+        finished = done > 0 and (trainer.should_stop or done >= wanted)
+        if finished:
+            members = copy.deepcopy(pl_module.members).cpu()
+            assert isinstance(members, nn.ModuleDict)
+            prefix = "members."
+            weights = {key.removeprefix(prefix): weight for key, weight in checkpoint["state_dict"].items()}
+            members.load_state_dict(weights)
+            fit_reference_margin(kernel_models(members), self.demonstration)
+            self._margins = {name: member.reference_margin for name, member in kernel_models(members).items()}
+            checkpoint["state_dict"] = members.state_dict(prefix=prefix)
+        self.provenance = replace(self.provenance, finished=finished)
+        checkpoint["skill"] = skill_entry(self.spec, self.provenance)
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Calibrate the module's own members, whose weights are the averaged ones by now."""
+        assert isinstance(pl_module.members, nn.ModuleDict)
+        members = kernel_models(pl_module.members)
+        for name, margin in self._margins.items():
+            members[name].set_reference_margin(margin)
+        if not self._margins:  # no checkpoint was wanted
+            fit_reference_margin(kernel_models(pl_module.members.cpu()), self.demonstration)
+        self.provenance = replace(self.provenance, finished=True)
+
+    def _take_in(self, trainer: Trainer, epochs: int) -> None:
+        metrics = {name: float(metric) for name, metric in trainer.callback_metrics.items() if "/" not in name}
+        metrics = {name: metric for name, metric in metrics.items() if not name.endswith("_step")}
+        self.provenance = replace(self.provenance, epochs=(epochs, trainer.max_epochs or 0), metrics=metrics)
 
 
 @final
@@ -65,19 +133,23 @@ class ResumableCheckpoint(Checkpoint):
         self.path = path
 
     def _save(self, trainer: Trainer) -> None:
-        temporary = self.path.with_suffix(".ckpt.part")
-        try:
-            trainer.save_checkpoint(temporary)
-            if trainer.is_global_zero:
-                os.replace(temporary, self.path)
-        finally:
-            if trainer.is_global_zero:
-                temporary.unlink(missing_ok=True)
+        if trainer.is_global_zero:
+            with atomic_path(self.path) as temporary:
+                trainer.save_checkpoint(temporary)
+        else:  # takes part, but writes nothing
+            trainer.save_checkpoint(self.path)
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Something to resume from, even if the first epoch is interrupted."""
+        """Write something to resume from, even if the first epoch is interrupted."""
         self._save(trainer)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Replace the checkpoint."""
         self._save(trainer)
+
+
+def kernel_models(members: nn.ModuleDict) -> Mapping[str, KernelModel]:
+    """Return the members of a skill by name."""
+    models = {name: member for name, member in members.items() if isinstance(member, KernelModel)}
+    assert len(models) == len(members)
+    return models

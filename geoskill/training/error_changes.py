@@ -4,17 +4,17 @@ import torch
 from jaxtyping import Float, Shaped
 from torch import Tensor
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.transitions import Transitions
 from geoskill.errors import InputError
 from geoskill.geometry.control_errors import error_norm
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.goal import goal_progress
-from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.objective.reward import ErrorChange, beta_from_changes, error_change
+from geoskill.objective.reward import beta_from_changes, error_change
 
 
-def error_changes(member: KernelModel, graph: MotifGraph, kind: ErrorChange) -> Float[Tensor, " m"]:
+def error_changes(member: KernelModel, graph: MotifGraph, kind: str) -> Float[Tensor, " m"]:
     """By how much each instance's error norm changes from the graph's frame to the one its features were followed to.
 
     0 where a node was not followed: such an instance earns no reward and costs none.
@@ -51,7 +51,7 @@ def _of_nodes(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tenso
     return torch.stack([values[role][row] for role, row in zip(member.kernel.roles, graph.instance_index, strict=True)])
 
 
-def fit_reward_scale(members: dict[str, KernelModel], demonstration: Transitions, objective: ObjectiveSettings) -> None:
+def fit_reward_scale(members: dict[str, KernelModel], demonstration: Transitions, objective: ObjectiveConfig) -> None:
     """Fit each member's beta to the demonstration, one for every span of time (METHOD #12).
 
     Raises:

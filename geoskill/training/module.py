@@ -3,17 +3,18 @@
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, final
+from typing import final
 
 import torch
 from lightning import LightningModule
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.augmentation import noisy, sample_visible
 from geoskill.graphs.motif_graph import MotifGraph, with_instances
 from geoskill.model.kernel_model import KernelModel
-from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, ObjectiveValue, transition_objective
+from geoskill.objective.inmaxent import FrameSelection, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
 from geoskill.training.error_changes import error_changes, instance_goal_progress
 
@@ -39,20 +40,18 @@ class SkillTraining(LightningModule):
         feature_dropout: probability with which a feature is hidden in a step (:func:`sample_visible`).
         max_visible_features: of each frame and type that are expected to be visible in a step, at most; None for no limit.
         seed: of the noise and of Monte-Carlo samples.
-        description: plain values from which :class:`geoskill.Skill` builds the members again; stored in checkpoints.
     """
 
     def __init__(
         self,
         members: Mapping[str, KernelModel],
-        objective: ObjectiveSettings,
+        objective: ObjectiveConfig,
         optimizer: Callable[[Iterable[nn.Parameter]], Optimizer],
         *,
         descriptor_noise: float,
         feature_dropout: float = 0.0,
         max_visible_features: int | None = None,
         seed: int,
-        description: Mapping[str, Any],
     ) -> None:
         super().__init__()
         self.members = nn.ModuleDict(members)
@@ -62,7 +61,6 @@ class SkillTraining(LightningModule):
         self.feature_dropout = feature_dropout
         self.max_visible_features = max_visible_features
         self.seed = seed
-        self.description = dict(description)
 
     def configure_optimizers(self) -> Optimizer:
         """One optimizer over all members; Adam treats every weight by itself, so members do not mix."""
@@ -138,7 +136,3 @@ class SkillTraining(LightningModule):
             clip = nn.utils.clip_grad_value_ if gradient_clip_algorithm == "value" else nn.utils.clip_grad_norm_
             for member in self.members.values():
                 clip(member.parameters(), gradient_clip_val)
-
-    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Store what is needed to build the members again, as plain values."""
-        checkpoint["skill"] = self.description

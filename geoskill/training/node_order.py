@@ -3,12 +3,12 @@
 import torch
 from torch import Tensor
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.transitions import Transitions
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.kernels.kernel import automorphisms
 from geoskill.model.kernel_model import KernelModel
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.objective.reward import error_change, reward
 from geoskill.training.error_changes import error_changes
 
@@ -19,7 +19,7 @@ LEAST_NOISE = 0.1
 def fit_node_order(
     members: dict[str, KernelModel],
     demonstration: Transitions,
-    objective: ObjectiveSettings,
+    objective: ObjectiveConfig,
     descriptor_noise: float,
 ) -> None:
     """Fit each member's ``node_order``, by which :meth:`KernelModel.moving_node_first` lists the nodes of an association.

@@ -1,0 +1,196 @@
+"""Hydra's configuration from the typed one: registered schemas, checked values, and messages that name the key."""
+
+import dataclasses
+import difflib
+import inspect
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import hydra
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import ConfigCompositionException, HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from geoskill.cli.schemas import (
+    COMMANDS,
+    RENAMED,
+    SimulatedTaskConfig,
+    TrainCommandConfig,
+    VideoTaskConfig,
+    WandbConfig,
+)
+from geoskill.config import MODELS, Config, ScenarioConfig, TrainerConfig
+from geoskill.errors import InputError
+from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
+from geoskill.schema import check_value, expectation, settings_of
+
+C = TypeVar("C", bound=Config)
+
+
+def configuration_folder() -> str:
+    """Return where the YAML files lie: inside an installed package, beside the package in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    installed = package / "conf"
+    return str(installed if installed.is_dir() else package.parent / "conf")
+
+
+def register_schemas() -> None:
+    """Tell Hydra the schema of every command, and every choice that is not a file under ``conf/``.
+
+    Built-in kernels, networks and tasks are registered by name alone: importing them takes seconds. A plug-in is
+    imported, since its arguments are those of its constructor; one that cannot be is left to the message of its use.
+    """
+    store = ConfigStore.instance()
+    for command, schema in COMMANDS.items():
+        # What a group decides is left open here, lest one choice is merged into another.
+        chosen = {"kernel": None, "descriptor": None, "model": None, "task": None, "logger": None}
+        own = {key: value for key, value in chosen.items() if schema is TrainCommandConfig}
+        store.store(name=f"{command}_schema", node=schema(**own))
+    for name in KERNELS.built_in:
+        store.store(group="kernel", name=name, node={name: {}})
+    for name in EXTRACTORS.built_in:
+        store.store(group="descriptor", name=name, node={name: _schema_of(EXTRACTORS, name)})
+    for name, model in MODELS.items():
+        store.store(group="model", name=name, node=model)
+    for name in TASKS.built_in:
+        store.store(group="task", name=name, node=SimulatedTaskConfig(name))
+    store.store(group="task", name="video", node=VideoTaskConfig)
+    store.store(group="scenario", name="human", node=ScenarioConfig)
+    store.store(group="trainer", name="cpu", node=TrainerConfig)
+    store.store(group="logger", name="wandb", node={"wandb": WandbConfig})
+    for registry in (KERNELS, EXTRACTORS, SCORERS, TASKS):
+        for name in registry.names():
+            if name not in registry.built_in:
+                _register_plug_in(store, registry, name)
+
+
+def _register_plug_in(store: ConfigStore, registry: Registry, name: str) -> None:
+    try:
+        schema = _schema_of(registry, name)
+    except InputError:
+        schema = dataclasses.make_dataclass("Unusable", [])
+    if registry is SCORERS:
+        own = [("name", str, dataclasses.field(default=name))]
+        node: Any = dataclasses.make_dataclass(schema.__name__, own, bases=(schema,))
+    else:
+        node = SimulatedTaskConfig(name) if registry is TASKS else {name: schema}
+    store.store(group=registry.kind, name=name, node=node)
+
+
+def _schema_of(registry: Registry, name: str) -> type:
+    """Return a dataclass of the arguments that the class of a name takes, with their types and defaults."""
+    hints = get_type_hints(registry.get(name).__init__)  # type: ignore[misc]  # the constructor of a class, not of an object
+    entries: list[Any] = []
+    for key, parameter in registry.parameters(name).items():
+        required = parameter.default is inspect.Parameter.empty
+        default: Any = dataclasses.field(default="???" if required else parameter.default)
+        entries.append((key, hints.get(key, Any), default))
+    return dataclasses.make_dataclass(f"{registry.get(name).__name__}Config", entries)
+
+
+def typed(cfg: DictConfig, schema: type[C]) -> C:
+    """Return a composed configuration as its dataclass, every value checked.
+
+    Raises:
+        InputError: for the first value out of range, named by its key.
+    """
+    _check_values(cfg, "")
+    config = OmegaConf.to_object(cfg)
+    assert isinstance(config, schema)
+    return config
+
+
+def _check_values(node: DictConfig, prefix: str) -> None:
+    schema = OmegaConf.get_type(node)
+    known = {name: own for name, *own in settings_of(schema)} if dataclasses.is_dataclass(schema) else {}
+    for key in node:
+        value = None if OmegaConf.is_missing(node, key) else node[key]
+        if isinstance(value, DictConfig):
+            _check_values(value, f"{prefix}{key}.")
+        elif key in known:
+            check_value(f"{prefix}{key}", value, *known[key])
+
+
+def refuse_renamed_keys() -> None:
+    """Refuse keys of earlier versions on the command line.
+
+    Raises:
+        InputError: that names the present key.
+    """
+    for argument in sys.argv[1:]:
+        key = argument.partition("=")[0].lstrip("+~")
+        if key in RENAMED:
+            raise InputError(f"{key}: is called {RENAMED[key]} now")
+
+
+def explain_composition(error: BaseException, command: str) -> str:
+    """Return in one line what Hydra or OmegaConf refuses: the key, the value and what was expected.
+
+    Args:
+        error: raised while the configuration of a command was composed.
+        command: its name.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OmegaConfBaseException) and cause.full_key:
+            settings = _settings_of(cause)
+            if settings is not None:
+                value = "null" if cause.value is None else cause.value  # type: ignore[attr-defined]
+                return f"{cause.full_key}={value}: expected {expectation(*settings)}"
+        cause = cause.__cause__
+    unknown = re.match(r"Could not (?:override|append to|delete from config. )\W*'([^']+)'", str(error))
+    if unknown and isinstance(error, ConfigCompositionException):
+        return f"{_one_line(error)}: there is no such key; expected {_nearest(unknown[1], command)}one that --cfg job shows"
+    return _one_line(error)
+
+
+def _settings_of(error: OmegaConfBaseException) -> tuple[Any, Any] | None:
+    """Return field and type of the setting that an error is about, unless the key is unknown."""
+    schema = getattr(error, "ref_type", None)
+    if not (isinstance(schema, type) and dataclasses.is_dataclass(schema)):
+        schema = getattr(error, "object_type", None)
+    if isinstance(schema, type) and dataclasses.is_dataclass(schema):
+        for name, own, hint in settings_of(schema):
+            if name == error.key:
+                return own, hint
+    return None
+
+
+def _nearest(key: str, command: str) -> str:
+    """Return the known key, or group of choices, that is most like an unknown one."""
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(configuration_folder(), version_base="1.3"):
+        groups = GlobalHydra.instance().config_loader().list_groups("")
+        chosen = [argument for argument in sys.argv[1:] if argument.partition("=")[0] in groups]
+        try:
+            defaults = hydra.compose(command, chosen)
+        except HydraException:  # the choices themselves may be what is wrong
+            return ""
+    keys = [name for name, _ in _leaves(OmegaConf.to_container(defaults, throw_on_missing=False))]
+    similar = difflib.get_close_matches(key, [*keys, *groups], n=1)
+    if key.startswith("task.") and "task.path" not in keys:
+        return "task=video for a video of yours, or "
+    return f"{similar[0]}, or " if similar else ""
+
+
+def _leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    if not isinstance(node, Mapping):
+        yield prefix, node
+        return
+    for key, value in node.items():
+        if not (prefix == "" and key == "hydra"):
+            yield from _leaves(value, f"{prefix}.{key}" if prefix else str(key))
+
+
+def _one_line(error: BaseException) -> str:
+    message = str(error)
+    for noise in ("Config search path", "To append to your config", "See https:", "Set the environment variable"):
+        message = message.partition(noise)[0]
+    lines = [line.strip() for line in message.splitlines() if line.strip()]
+    text = " ".join(line for line in lines if not line.startswith(("full_key:", "object_type=", "reference_type=")))
+    return text.rstrip(".")

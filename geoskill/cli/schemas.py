@@ -1,0 +1,169 @@
+"""The configuration of the commands: what they need beside the settings of learning, and the names of older keys."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, final
+
+from geoskill.config import (
+    BilinearConfig,
+    Config,
+    Learning,
+    MessagePassingConfig,
+    PrototypesConfig,
+    ScenarioConfig,
+    SelectionConfig,
+    TrainConfig,
+)
+from geoskill.schema import markdown_table, setting
+
+
+@final
+@dataclass
+class SimulatedTaskConfig(Config):
+    """A simulated task."""
+
+    name: str = setting("sorting", "Task.")
+    every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
+    num_demonstrations: int = setting(
+        1, "Demonstrations to learn from, by other people, in other light; the first is shown and scored.", at_least=1
+    )
+
+
+@final
+@dataclass
+class VideoTaskConfig(Config):
+    """`task=video`: demonstrations of your own."""
+
+    name: str = setting("video", "Task.")
+    path: Any = setting(
+        None, "A video file or a folder of images; or several, [a.mp4,b.mp4], of which the first is shown and scored."
+    )
+    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
+    every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
+
+
+@final
+@dataclass
+class WandbConfig(Config):
+    """`logger=wandb`: Weights & Biases."""
+
+    project: str = setting("geoskill", "Project.")
+    entity: str | None = setting(None, "Team or user; null: the default of the login.")
+    offline: bool = setting(True, "Keep the run on this machine; false uploads it.")
+
+
+@final
+@dataclass
+class CacheConfig(Config):
+    """Extracted features and rendered recordings that are kept between runs."""
+
+    enabled: bool = setting(True, "Keep them.")
+    folder: str | None = setting(None, "Folder; null: the user's cache folder.")
+    limit_mb: float = setting(2000.0, "Megabytes that the folder may hold.", above=0)
+
+
+def _debug() -> Any:
+    return setting(False, "Show the traceback of an error.")
+
+
+def _precision() -> Any:
+    return setting(None, "Precision of the messages; null: that of the training.", choices=("float32", "bfloat16"))
+
+
+@final
+@dataclass
+class TrainCommandConfig(Learning):
+    """`train.py`: learn a skill from a demonstration, or from several."""
+
+    task: Any = setting(SimulatedTaskConfig, "What is demonstrated: `video`, or a simulated task.")
+    scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
+    logger: Any = setting(dict, "Loggers beside metrics.csv: `wandb` or `none`.")
+    cache: CacheConfig = field(default_factory=CacheConfig)
+    ckpt_path: str | None = setting(None, "Checkpoint of an interrupted run to go on with.")
+    init_from: str | None = setting(None, "Skill whose weights to start from, on another demonstration.")
+    debug: bool = _debug()
+
+    def learning(self) -> TrainConfig:
+        """Return the settings of learning alone."""
+        return TrainConfig(**{own.name: getattr(self, own.name) for own in fields(TrainConfig)})
+
+
+@final
+@dataclass
+class InferCommandConfig(Config):
+    """`infer.py`: select associations on every frame of a video, a folder or a camera."""
+
+    skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
+    video: Any = setting(None, "A video file, a folder of images, or the number of a camera.")
+    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    inference: SelectionConfig = field(default_factory=SelectionConfig)
+    cache: CacheConfig = field(default_factory=CacheConfig)
+    threads: int | None = setting(
+        None, "Threads of PyTorch, and frames worked on at once; null: as many as PyTorch likes.", at_least=1
+    )
+    precision: str | None = _precision()
+    device: str = setting("cpu", "Device of the networks.")
+    debug: bool = _debug()
+
+
+@final
+@dataclass
+class EvaluateCommandConfig(Config):
+    """`evaluate.py`: score a skill on labeled frames, or on a simulated recording."""
+
+    skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
+    video: Any = setting(None, "A labeled video file or folder of images.")
+    regions: str | None = setting(None, "Labeled regions of its frames, a JSON file.")
+    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    task: Any = setting(None, "A simulated task, instead of a video.")
+    scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
+    seed: int | None = setting(
+        None, "Seed of the looks of simulated things; null: that of the demonstration.", at_least=0
+    )
+    every: int = setting(1, "Score every so many frames.", at_least=1)
+    inference: SelectionConfig = field(default_factory=lambda: SelectionConfig(abstain=0.0))
+    cache: CacheConfig = field(default_factory=CacheConfig)
+    precision: str | None = _precision()
+    device: str = setting("cpu", "Device of the networks.")
+    debug: bool = _debug()
+
+
+COMMANDS: Mapping[str, type[Config]] = {
+    "train": TrainCommandConfig,
+    "infer": InferCommandConfig,
+    "evaluate": EvaluateCommandConfig,
+}
+
+RENAMED: Mapping[str, str] = {
+    "demonstration.horizon": "demonstration.max_span_ratio",
+    "demonstration.strangers": "demonstration.num_negatives",
+    "demonstration.visible_features": "demonstration.max_visible_features",
+    "features.colour": "features.color",
+    "inference.alternatives": "inference.top_k",
+    "inference.minimum_weight": "inference.min_drawn_weight",
+    "minimum_weight": "inference.min_drawn_weight",
+    "objective.alternatives": "objective.top_k",
+    "objective.first_samples": "objective.value_samples",
+    "objective.second_samples": "objective.gradient_samples",
+    "optimizer._target_": "optimizer.name",
+    "task.takes": "task.num_demonstrations",
+    "weight_averaging": "ema_decay",
+}
+"""Keys of earlier versions with their present names."""
+
+
+def markdown_reference() -> str:
+    """Return the reference of all settings as Markdown, one table per command and per choice of a group."""
+    sections = [*COMMANDS.items()]
+    choices: Sequence[tuple[str, type[Config], str]] = (
+        ("model=message_passing", MessagePassingConfig, "model."),
+        ("model=bilinear", BilinearConfig, "model."),
+        ("model=prototypes", PrototypesConfig, "model."),
+        ("task=sorting, insertion, folding, screw", SimulatedTaskConfig, "task."),
+        ("task=video", VideoTaskConfig, "task."),
+        ("logger=wandb", WandbConfig, "logger.wandb."),
+    )
+    tables = [f"## {name}.py\n\n{schema.__doc__}\n\n{markdown_table(schema)}" for name, schema in sections]
+    tables += [f"## {name}\n\n{schema.__doc__}\n\n{markdown_table(schema, key)}" for name, schema, key in choices]
+    return "\n".join(tables)

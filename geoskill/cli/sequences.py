@@ -1,0 +1,176 @@
+"""The frames that a command works on, with their ground truth: a video, or a simulated recording."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from geoskill.cli.inputs import open_recording
+from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig, VideoTaskConfig
+from geoskill.cli.scoring import load_labels
+from geoskill.errors import InputError
+from geoskill.evaluation.labels import Labels
+from geoskill.io.disk_cache import DiskCache
+from geoskill.io.frames import Frame, FrameSource
+from geoskill.io.sources import read_all
+from geoskill.plugins import TASKS
+from geoskill.skill.checkpoint import SimulatedScene
+
+if TYPE_CHECKING:
+    from geoskill.simulation.recording import Recording
+
+DEMONSTRATION = "demonstration"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LabeledSequence:
+    """Frames with what is known of them.
+
+    Attributes:
+        source: where they come from.
+        frames: all of them.
+        labels: the ground truth, or None.
+        recording: all that is known of it, if it is simulated.
+    """
+
+    source: FrameSource
+    frames: Sequence[Frame]
+    labels: Labels | None
+    recording: "Recording | None" = None
+
+
+@final
+class RecordingSource(FrameSource):
+    """The frames of a simulated recording.
+
+    Args:
+        recording: the recording.
+        name: as it is called in messages.
+    """
+
+    def __init__(self, recording: "Recording", name: str) -> None:
+        self._recording = recording
+        self._name = name
+
+    @property
+    def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
+        return self._name
+
+    @property
+    def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
+        from geoskill.simulation.recording import FRAME_RATE
+
+        return FRAME_RATE
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index in range(len(self._recording)):
+            yield Frame(index, index / self.frame_rate, self._recording.picture(index))
+
+
+def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) -> Iterator[LabeledSequence]:
+    """Read the demonstrations of a training, one after the other; all but the first without ground truth.
+
+    Args:
+        config: has the task and, for simulated ones, scenario and seed.
+        store: where recordings are kept.
+
+    Raises:
+        InputError: as :func:`labeled_video` and :func:`labeled_recording`; at once when one of several videos cannot be
+            opened.
+    """
+    task = config.task
+    if isinstance(task, SimulatedTaskConfig):
+        episodes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, task.num_demonstrations + 1))]
+        scene = SimulatedScene(task.name, config.seed, config.scenario)
+        return (labeled_recording(scene, episode, store) for episode in episodes)
+    paths = paths_of(task)
+    sources = []
+    for path in paths:
+        if not isinstance(path, str | int) or isinstance(path, bool):
+            raise InputError(f"task.path: {path} is no path; expected a folder of images or a video file")
+        sources.append(open_recording(path, task.frame_rate))
+    regions = [task.regions] + [None] * (len(paths) - 1)
+    minimum = config.demonstration.gap + 1
+    return (
+        labeled_video(source, own_regions, task.every, minimum=minimum)
+        for source, own_regions in zip(sources, regions, strict=True)
+    )
+
+
+def paths_of(task: VideoTaskConfig) -> list[object]:
+    """Return the paths of the demonstrations of ``task=video``."""
+    if task.path is None:
+        return []
+    return list(task.path) if isinstance(task.path, list | tuple) else [task.path]
+
+
+def labeled_video(source: FrameSource, regions: str | None, every: int, minimum: int) -> LabeledSequence:
+    """Read a video with its labeled regions.
+
+    Args:
+        source: the video.
+        regions: path of the labeled regions, or None.
+        every: every so many frames are to be evaluated.
+        minimum: how many frames it needs.
+
+    Raises:
+        InputError: when it cannot be read, has too few frames, or the regions do not fit.
+    """
+    frames = read_all(source, minimum=minimum)
+    labels = None if regions is None else load_labels(regions, frames, every)
+    return LabeledSequence(source, frames, labels)
+
+
+def labeled_recording(scene: SimulatedScene, episode: str, store: DiskCache | None) -> LabeledSequence:
+    """Return a recording with its ground truth, rendered unless the store has it.
+
+    Args:
+        scene: what it shows.
+        episode: name of the recording; other episodes have other places and paths.
+        store: where recordings are kept.
+
+    Raises:
+        InputError: when there is no such task, or no OpenGL context.
+    """
+    from geoskill.evaluation.simulated import SimulatedLabels
+
+    recording = simulated_recording(scene, episode, store)
+    name = f"{scene.task}, {episode}"
+    source = RecordingSource(recording, name)
+    return LabeledSequence(source, list(source), SimulatedLabels(recording, name), recording)
+
+
+def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | None) -> "Recording":
+    """Return a recording, rendered unless the store has it; see :func:`labeled_recording`."""
+    from geoskill.simulation.conditions import Conditions
+    from geoskill.simulation.recording import Recording, pack, unpack
+    from geoskill.simulation.scene import RecordingSettings, record
+
+    conditions = Conditions(**asdict(scene.scenario))
+    settings = RecordingSettings(TASKS.build(scene.task, {})(), conditions, scene.seed, episode)
+
+    def render() -> Recording:
+        return record(settings)
+
+    if store is None:
+        return render()
+    described = f"{_renderer_identity()} {scene.task} {sorted(asdict(conditions).items())} {scene.seed} {episode}"
+    return store.get_or_compute(hashlib.sha256(described.encode()).hexdigest(), render, pack, unpack)
+
+
+def _renderer_identity() -> str:
+    """What recordings of the same settings depend on: the code that makes them."""
+    import mujoco
+
+    import geoskill.simulation
+    from geoskill.geometry import camera, poses
+
+    digest = hashlib.sha256(mujoco.__version__.encode())
+    simulation = sorted(Path(geoskill.simulation.__path__[0]).rglob("*.py"))
+    for file in (*simulation, Path(camera.__file__), Path(poses.__file__)):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,104 @@
+"""From what a user calls a demonstration to the transitions that training learns from."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from geoskill.config import TrainConfig
+from geoskill.data.demonstration import Demonstration
+from geoskill.data.demonstrations import Demonstrations
+from geoskill.errors import InputError
+from geoskill.io.arrays import ArrayFrames
+from geoskill.io.camera import Camera
+from geoskill.io.frames import FrameSource
+from geoskill.io.prefetch import Progress
+from geoskill.io.sources import open_frames, read_all
+from geoskill.schema import as_plain
+from geoskill.skill.checkpoint import Provenance, SimulatedScene
+from geoskill.skill.spec import SkillComponents
+
+Source = str | Path | FrameSource | np.ndarray | Sequence[np.ndarray]
+"""A path, an opened source, or RGB pictures: an array ``[T, H, W, 3]`` or a sequence of ``[H, W, 3]``, uint8."""
+
+
+def as_sources(demonstrations: Source | Iterable[Source]) -> Sequence[Source] | Iterable[Source]:
+    """Return demonstrations one by one; a single one becomes a sequence of one."""
+    if isinstance(demonstrations, str | Path | FrameSource | np.ndarray):
+        return [demonstrations]
+    if isinstance(demonstrations, Sequence) and len(demonstrations) and np.ndim(_picture(demonstrations[0])) == 3:
+        return [[_picture(picture) for picture in demonstrations]]  # the pictures of one
+    return demonstrations
+
+
+def prepare(
+    config: TrainConfig,
+    sources: Iterable[Source],
+    components: SkillComponents,
+    progress: Progress | None,
+    scene: SimulatedScene | None,
+) -> tuple[Demonstrations, Provenance]:
+    """Extract the features of every demonstration and follow them through it.
+
+    Args:
+        config: of the training.
+        sources: the demonstrations; read one after the other, no picture is kept.
+        components: kernels, and the pipelines that feed them.
+        progress: shows progress over a sequence, or None.
+        scene: the simulated scene that the demonstrations show.
+
+    Raises:
+        InputError: when one cannot be read, is too short, or has no instance of some member.
+    """
+    prepared, names, size = [], [], (0, 0)
+    for number, source in enumerate(sources, start=1):
+        opened = _opened(source, number)
+        pictures = [frame.image for frame in read_all(opened, minimum=config.demonstration.gap + 1)]
+        prepared.append(
+            Demonstration(
+                pictures,
+                components.pipelines,
+                components.members,
+                gap=config.demonstration.gap,
+                horizon=config.demonstration.max_span_ratio,
+                num_negatives=config.demonstration.num_negatives,
+                progress=_silent if progress is None else progress,
+                name=opened.name,
+                threads=torch.get_num_threads() if config.threads is None else config.threads,
+            )
+        )
+        names.append(opened.name)
+        size = size if any(size) else (pictures[0].shape[1], pictures[0].shape[0])
+    provenance = Provenance(
+        sources=tuple(names),
+        image_size=size,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        version=version("geoskill"),
+        seed=config.seed,
+        configuration=as_plain(config),
+        scene=scene,
+    )
+    return Demonstrations(prepared), provenance
+
+
+def _opened(source: Source, number: int) -> FrameSource:
+    if isinstance(source, FrameSource):
+        opened = source
+    elif isinstance(source, str | Path):
+        opened = open_frames(source)
+    else:
+        opened = ArrayFrames(source, name=f"demonstration {number}")
+    if isinstance(opened, Camera):
+        raise InputError(f"{opened.name} is a camera; expected a video file or a folder of images")
+    return opened
+
+
+def _picture(value: object) -> np.ndarray:
+    return value if isinstance(value, np.ndarray) else np.zeros(0)
+
+
+def _silent(items: Sequence[int], description: str) -> Iterator[int]:
+    return iter(items)

@@ -1,0 +1,83 @@
+"""Starting from a checkpoint: going on with its training, or fine-tuning its weights on another demonstration."""
+
+from collections.abc import Mapping, Sequence
+
+from torch import nn
+
+from geoskill.errors import InputError
+from geoskill.model.kernel_model import KernelModel
+from geoskill.schema import as_plain
+from geoskill.skill.checkpoint import StoredSkill
+from geoskill.skill.spec import SkillSpec
+
+# Arguments of a network that change neither its weights nor their meaning.
+FREE_ARGUMENTS = ("cascade", "precision", "memory_mb")
+
+
+def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count: int) -> None:
+    """Refuse to go on with the training of another skill, or from another number of demonstrations.
+
+    Raises:
+        InputError: in that case.
+    """
+    _require_same_parts(stored, spec, free=())
+    if stored.provenance.scene != scene:
+        raise InputError(
+            f"{stored.path}: learned from {_named(stored.provenance.scene)}; expected what this run learns from,"
+            f" {_named(scene)}"
+        )
+    learned = len(stored.provenance.sources)
+    if learned != count:
+        raise InputError(f"{stored.path}: learned from {learned} demonstration(s); expected {count}, as this run")
+
+
+def require_same_spans(stored: StoredSkill, spans: Sequence[int]) -> None:
+    """Refuse a checkpoint that learned from transitions over other spans of time.
+
+    Raises:
+        InputError: in that case.
+    """
+    for weights in stored.weights.values():
+        if weights["spans"].tolist() != list(spans):
+            raise InputError(
+                f"{stored.path}: learned from transitions over {weights['spans'].tolist()} frames; expected those of"
+                f" this demonstration, {list(spans)}"
+            )
+
+
+def initialize(members: Mapping[str, KernelModel], spec: SkillSpec, stored: StoredSkill) -> None:
+    """Give members the trained network of a skill: its weights and the prototypes that they belong to.
+
+    What is fitted to a demonstration is left out: it is fitted to the new one. Demonstrations, objective, optimizer,
+    seed and the network's ``cascade``, ``precision`` and ``memory_mb`` may differ.
+
+    Raises:
+        InputError: when the skill has other members, descriptors, features or another network.
+    """
+    _require_same_parts(stored, spec, free=FREE_ARGUMENTS)
+    for name, member in members.items():
+        prefix = "scorer."
+        weights = {key.removeprefix(prefix): own for key, own in stored.weights[name].items() if key.startswith(prefix)}
+        scorer: nn.Module = member.scorer
+        try:
+            scorer.load_state_dict(weights)
+        except RuntimeError as error:
+            message = " ".join(str(error).split())[:200]
+            raise InputError(f"{stored.path}: its weights do not fit its specification ({message})") from error
+
+
+def _require_same_parts(stored: StoredSkill, spec: SkillSpec, free: Sequence[str]) -> None:
+    for name in ("members", "extractors", "model", "features"):
+        theirs, ours = as_plain(getattr(stored.spec, name)), as_plain(getattr(spec, name))
+        if name == "model":
+            for part in (theirs, ours):
+                part["arguments"] = {key: value for key, value in part["arguments"].items() if key not in free}
+        if theirs != ours:
+            if name in ("members", "extractors") and set(theirs) != set(ours):
+                theirs, ours = ", ".join(theirs), ", ".join(ours)  # their names tell enough
+            may = "; demonstrations, objective, optimizer and seed may differ" if free else ""
+            raise InputError(f"{stored.path}: its {name} are {theirs}; expected those of this run, {ours}{may}")
+
+
+def _named(scene: object) -> str:
+    return "a video" if scene is None else str(scene)

@@ -1,0 +1,76 @@
+"""The Lightning trainer and the optimizer of a configuration."""
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+from lightning import Callback, Trainer
+from lightning.pytorch.accelerators import CUDAAccelerator, MPSAccelerator
+from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
+
+from geoskill.config import OptimizerConfig, TrainConfig
+from geoskill.errors import InputError
+from geoskill.schema import as_plain
+from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
+
+if TYPE_CHECKING:
+    from lightning.pytorch.loggers import Logger
+
+OPTIMIZERS = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW, "sgd": torch.optim.SGD}
+
+
+def build_optimizer(config: OptimizerConfig) -> Callable[[Iterable[torch.nn.Parameter]], torch.optim.Optimizer]:
+    """Return what makes the optimizer from parameters."""
+    return partial(OPTIMIZERS[config.name], lr=config.lr, weight_decay=config.weight_decay)
+
+
+def build_trainer(
+    config: TrainConfig,
+    table: MetricsTable,
+    record: SkillRecord,
+    checkpoint: Path | None,
+    loggers: "Sequence[Logger]",
+    *,
+    progress_bar: bool,
+) -> Trainer:
+    """Return the trainer with its callbacks, in the order in which they depend on each other.
+
+    Args:
+        config: of the training.
+        table: keeps the curves.
+        record: completes checkpoints; it is called after the averaging of weights.
+        checkpoint: file of the checkpoint, or None.
+        loggers: Lightning's.
+        progress_bar: whether to show one, where there is a terminal.
+
+    Raises:
+        InputError: when Lightning refuses a value, or there is no such device.
+    """
+    settings = as_plain(config.trainer)
+    if settings["accelerator"] == "gpu" and not (CUDAAccelerator.is_available() or MPSAccelerator.is_available()):
+        raise InputError("accelerator=gpu: PyTorch finds no GPU here; expected cpu (trainer=cpu)")
+    callbacks: list[Callback] = [table]
+    if config.ema_decay is not None:
+        # Buffers are fitted statistics, which have no average.
+        callbacks.append(EMAWeightAveraging(decay=config.ema_decay, use_buffers=False))
+    if config.early_stopping.patience is not None:
+        callbacks.append(EarlyStopping("objective_epoch", mode="max", **as_plain(config.early_stopping)))
+    callbacks.append(record)
+    if checkpoint is not None:
+        callbacks.append(ResumableCheckpoint(checkpoint))
+    # Elsewhere than on a terminal a bar shows nothing before the end, and leaves control characters.
+    settings["enable_progress_bar"] &= progress_bar and sys.stdout.isatty()
+    try:
+        return Trainer(
+            **settings,
+            logger=list(loggers) or False,
+            callbacks=callbacks,
+            default_root_dir=None if checkpoint is None else str(checkpoint.parent),
+            enable_checkpointing=checkpoint is not None,
+            enable_model_summary=False,
+        )
+    except (TypeError, ValueError) as error:
+        raise InputError(f"trainer: {error}") from error
