@@ -1,1 +1,1 @@
-"""Times and memory of the work of one frame and of one training step, beside other ways to do the same."""
+"""Benchmarks of selection, training and the live pipeline, run as ``python -m geoskill.benchmarks.NAME``."""

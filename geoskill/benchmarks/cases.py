@@ -1,27 +1,25 @@
-"""What is measured: a kernel, a network and a number of features, and the ways to do the work of them."""
+"""The cases that are measured, and the variants of the computation that are compared in each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, final
 
 import torch
 from hydra.utils import instantiate
-from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from geoskill.benchmarks.measurement import Work
-from geoskill.benchmarks.plain import PlainNetwork, batch_of_instances
-from geoskill.benchmarks.products import needed_products, product_work
-from geoskill.cli.command import configuration_folder
+from geoskill.benchmarks.matmul_bound import matmul_workload, required_products
+from geoskill.benchmarks.measurement import Workload
+from geoskill.benchmarks.options import load_option
+from geoskill.benchmarks.pyg_reference import PygNetwork, instance_batch
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
 from geoskill.model.message_passing import PRECISIONS, MessagePassing
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.objective.selection import select_out
 
-Way = Literal["ours", "cascade", "plain", "products"]
+Variant = Literal["dense", "cascade", "pyg", "matmul_bound"]
 Job = Literal["select_out", "training"]
 # SIFT with colors, and the line band descriptor.
 DESCRIPTOR_DIMS = {NodeType.POINT: 138, NodeType.LINE: 72}
@@ -30,16 +28,16 @@ DESCRIPTOR_DIMS = {NodeType.POINT: 138, NodeType.LINE: 72}
 @final
 @dataclass(frozen=True)
 class Case:
-    """One cell of the table.
+    """A job, a kernel, a network and a number of features on one device.
 
     Attributes:
-        job: ``select_out`` is the scores of one frame and their softmax; ``training`` is a step of Adam on them.
-        kernel: a file of ``conf/kernel``.
-        model: a file of ``conf/model``.
-        features: of each of the kernel's types.
-        device: of PyTorch.
-        threads: of PyTorch.
-        precision: of ours and of the bare products; the plain network is as anyone would write it, in single precision.
+        job: ``select_out`` computes the scores of one frame and their softmax; ``training`` is one Adam step on them.
+        kernel: name of a file in ``conf/kernel``.
+        model: name of a file in ``conf/model``.
+        features: number of features of each of the kernel's node types.
+        device: of PyTorch, ``cpu`` or ``cuda``.
+        threads: number of PyTorch's threads.
+        precision: of ``dense``, ``cascade`` and ``matmul_bound``; ``pyg`` is always in single precision.
     """
 
     job: Job
@@ -50,97 +48,103 @@ class Case:
     threads: int
     precision: str = "float32"
 
-    def ways(self) -> tuple[Way, ...]:
-        """Those that there are: only message passing has another way to be written.
+    def variants(self) -> tuple[Variant, ...]:
+        """Return the variants of the computation that this case has.
 
-        ``ours`` passes messages in all instances, as in training; ``cascade`` in as many as the network's own says,
-        where there are more.
+        - ``dense``: the package's own network on all instances, as in training.
+        - ``cascade``: the same with messages for the network's ``cascade`` best candidates only; in ``select_out``,
+          where a frame has more instances than that.
+        - ``pyg``: the message passing written in PyTorch Geometric.
+        - ``matmul_bound``: the matrix products that the message passing needs.
+
+        Networks without message passing only have ``dense``.
         """
         scorer = self.build_scorer()
         if not isinstance(scorer, MessagePassing):
-            return ("ours",)
-        shorter = self.job == "select_out" and scorer.cascade is not None and scorer.cascade < self.instances()
-        return ("ours", *(("cascade",) if shorter else ()), "plain", "products")
+            return ("dense",)
+        cascaded = self.job == "select_out" and scorer.cascade is not None and scorer.cascade < self.num_instances()
+        return ("dense", *(("cascade",) if cascaded else ()), "pyg", "matmul_bound")
 
-    def instances(self) -> int:
-        """How many there are."""
-        return self.build_kernel().instances(self.counts()).shape[1]
+    def num_instances(self) -> int:
+        """Return the number of instances of one frame."""
+        return self.build_kernel().instances(self.feature_counts()).shape[1]
 
     def build_kernel(self) -> Kernel:
-        """The kernel."""
-        kernel: Kernel = instantiate(_configured("kernel", self.kernel)[self.kernel])
+        """Build the kernel."""
+        kernel: Kernel = instantiate(load_option("kernel", self.kernel)[self.kernel])
         return kernel
 
-    def counts(self) -> dict[NodeType, int]:
-        """Features of each type."""
+    def feature_counts(self) -> dict[NodeType, int]:
+        """Return the number of features of each node type."""
         return dict.fromkeys(self.build_kernel().roles, self.features)
 
     def build_scorer(self) -> InstanceScorer:
-        """The network, always with the same weights."""
+        """Build the network, always with the same weights."""
         torch.manual_seed(0)
         kernel = self.build_kernel()
-        settings = _configured("model", self.model)
+        settings = load_option("model", self.model)
         if "precision" in settings:
             settings.precision = self.precision
-        make = instantiate(settings)
-        scorer: InstanceScorer = make(Motif.of(kernel, {kind: DESCRIPTOR_DIMS[kind] for kind in kernel.roles}))
+        make_scorer = instantiate(settings)
+        motif = Motif.of(kernel, {node_type: DESCRIPTOR_DIMS[node_type] for node_type in kernel.roles})
+        scorer: InstanceScorer = make_scorer(motif)
         return scorer.to(self.device)
 
 
-def precisions_of(model: str) -> tuple[str, ...]:
-    """Those that a model can have."""
-    return PRECISIONS if "precision" in _configured("model", model) else PRECISIONS[:1]
+def available_precisions(model: str) -> tuple[str, ...]:
+    """Return the precisions that a network of ``conf/model`` supports."""
+    return PRECISIONS if "precision" in load_option("model", model) else PRECISIONS[:1]
 
 
-def _configured(group: str, name: str) -> DictConfig:
-    found = OmegaConf.load(Path(configuration_folder()) / group / f"{name}.yaml")
-    assert isinstance(found, DictConfig)
-    return found
+def prepare(case: Case, variant: Variant) -> Workload:
+    """Return the workload of one variant of a case; weights, descriptors and graphs are made here, outside of it.
 
-
-def prepare(case: Case, way: Way) -> Work:
-    """The work of a case in one of its ways, with everything made that is there beforehand."""
+    This sets the number of PyTorch's threads.
+    """
     torch.set_num_threads(case.threads)
-    scorer, counts = case.build_scorer().train(way != "cascade"), case.counts()
+    scorer, counts = case.build_scorer().train(variant != "cascade"), case.feature_counts()
     descriptors = {
-        kind: normalize(torch.randn(count, DESCRIPTOR_DIMS[kind], device=case.device)) for kind, count in counts.items()
+        node_type: normalize(torch.randn(count, DESCRIPTOR_DIMS[node_type], device=case.device))
+        for node_type, count in counts.items()
     }
     index = case.build_kernel().instances(counts).to(case.device)
-    if way == "products":
+    if variant == "matmul_bound":
         assert isinstance(scorer, MessagePassing)
-        # A backward pass has two products for each.
-        times = 3 if case.job == "training" else 1
-        dtype = getattr(torch, case.precision)
-        return product_work(needed_products(scorer, counts, index.shape[1]), case.device, dtype, times)
-    if way == "plain":
+        # The backward pass of a product is two products.
+        repetitions = 3 if case.job == "training" else 1
+        products = required_products(scorer, counts, index.shape[1])
+        return matmul_workload(products, case.device, getattr(torch, case.precision), repetitions)
+    if variant == "pyg":
         assert isinstance(scorer, MessagePassing)
-        network, batch = PlainNetwork(scorer), batch_of_instances(scorer, descriptors, index)
+        network, batch = PygNetwork(scorer), instance_batch(scorer.motif, descriptors, index)
 
-        def scores() -> Tensor:
-            found: Tensor = network(batch)
-            return found
+        def compute_scores() -> Tensor:
+            scores: Tensor = network(batch)
+            return scores
     else:
 
-        def scores() -> Tensor:
-            found: Tensor = scorer(descriptors, index)
-            return found
+        def compute_scores() -> Tensor:
+            scores: Tensor = scorer(descriptors, index)
+            return scores
 
-    return _work(case.job, scorer, scores, index.shape[1], case.device)
+    return _workload(case.job, scorer, compute_scores, index.shape[1], case.device)
 
 
-def _work(job: Job, scorer: InstanceScorer, scores: Callable[[], Tensor], count: int, device: str) -> Work:
+def _workload(
+    job: Job, scorer: InstanceScorer, compute_scores: Callable[[], Tensor], count: int, device: str
+) -> Workload:
     frame = torch.zeros(count, dtype=torch.long, device=device)
-    # What instances earn; which it is makes no difference to the time.
-    earned = torch.linspace(-1.0, 1.0, count, device=device)
+    # The rewards' values make no difference to the time.
+    rewards = torch.linspace(-1.0, 1.0, count, device=device)
     optimizer = torch.optim.Adam(scorer.parameters(), lr=1e-3)
 
-    def frame_work() -> Tensor:
+    def select_in_frame() -> Tensor:
         with torch.no_grad():
-            return select_out(scores(), frame, 1)
+            return select_out(compute_scores(), frame, 1)
 
-    def step() -> None:
+    def train_step() -> None:
         optimizer.zero_grad()
-        torch.autograd.backward((select_out(scores(), frame, 1) * earned).sum())
+        torch.autograd.backward((select_out(compute_scores(), frame, 1) * rewards).sum())
         optimizer.step()
 
-    return frame_work if job == "select_out" else step
+    return select_in_frame if job == "select_out" else train_step

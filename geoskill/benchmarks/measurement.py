@@ -1,81 +1,82 @@
-"""How long work takes, and how much memory: of several ways in turn, since machines are noisy."""
+"""Time and peak memory of workloads.
 
-import time
+Workloads that are compared take turns, so that a machine that slows down for a while slows all of them down.
+"""
+
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 from typing import final
 
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
+from torch.utils.benchmark import Measurement, TaskSpec, timer
 
-Work = Callable[[], object]
+Workload = Callable[[], object]
 MIB = 1 << 20
 
 
 @final
-@dataclass(frozen=True)
-class Figures:
-    """Of one way to do some work.
+@dataclass(frozen=True, eq=False)
+class Metrics:
+    """Time and memory of one variant of a case.
 
     Attributes:
-        seconds: of every repetition.
-        peak_mb: the most memory, in MiB, beyond what was held before; None where it was not measured.
+        timing: seconds of every round.
+        peak_mb: peak memory in MiB beyond what was allocated before; None where it was not measured.
     """
 
-    seconds: tuple[float, ...]
+    timing: Measurement
     peak_mb: float | None = None
 
-    @property
-    def median_s(self) -> float:
-        """Median seconds."""
-        return median(self.seconds)
 
+def single_runs(seconds: Sequence[float], label: str = "") -> Measurement:
+    """Return the measurement of runs that were timed one by one and took these seconds.
 
-def times_in_turn(ways: Mapping[str, Work], repeats: int) -> dict[str, tuple[float, ...]]:
-    """Seconds of every way, ``repeats`` times each, one after the other in every round.
-
-    A first round is not timed. A GPU's work counts until it is done.
+    >>> single_runs([0.1, 9.0, 0.2]).median
+    0.2
     """
-    taken: dict[str, list[float]] = {name: [] for name in ways}
+    return Measurement(1, list(seconds), TaskSpec(stmt="", setup="", label=label, num_threads=torch.get_num_threads()))
+
+
+def time_in_turns(workloads: Mapping[str, Workload], repeats: int) -> dict[str, Measurement]:
+    """Time every workload ``repeats`` times; in each round they run one after another.
+
+    An additional first round is not timed. The clock waits until the GPU, if there is one, has finished.
+    :meth:`torch.utils.benchmark.Timer.timeit` would run a workload twice before every timed run, and so not in turns.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in workloads}
     for repetition in range(repeats + 1):
-        for name, work in ways.items():
-            _wait()
-            begun = time.perf_counter()
-            work()
-            _wait()
+        for name, workload in workloads.items():
+            start = timer()
+            workload()
+            end = timer()
             if repetition > 0:
-                taken[name].append(time.perf_counter() - begun)
-    return {name: tuple(seconds) for name, seconds in taken.items()}
+                seconds[name].append(end - start)
+    return {name: single_runs(runs, name) for name, runs in seconds.items()}
 
 
-def _wait() -> None:
-    if torch.cuda.is_available():
-        torch.cuda.synchronize()
+def peak_memory_mb(workload: Workload) -> float:
+    """Return the peak memory in MiB of all tensors that the workload creates, on CPU and GPU.
 
-
-def peak_memory_mb(work: Work) -> float:
-    """The most memory, in MiB, that the tensors made by the work hold at once, beyond those that were there before.
-
-    Of CPU and GPU alike; what an operation holds only while it runs is not seen.
+    Tensors that existed before do not count, nor does memory that an operation uses only internally.
     """
-    with _Ledger() as ledger:
-        work()
+    with _StorageLedger() as ledger:
+        workload()
     peak: float = ledger.peak / MIB
     return peak
 
 
 @final
-class _Ledger(TorchDispatchMode):
-    """Keeps account of the storages of tensors from when they are made until they are gone."""
+class _StorageLedger(TorchDispatchMode):
+    """A count of the bytes of all tensor storages from their creation until they are freed."""
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._known: set[int] = set()
-        self._held = 0
+        self._allocated = 0
         self.peak = 0
 
     def __torch_dispatch__(
@@ -85,24 +86,24 @@ class _Ledger(TorchDispatchMode):
         args: tuple[object, ...] = (),
         kwargs: dict[str, object] | None = None,
     ) -> object:
-        self._note((args, kwargs), made=False)
+        self._record((args, kwargs), created=False)
         result = func(*args, **(kwargs or {}))
-        self._note(result, made=True)
+        self._record(result, created=True)
         return result
 
-    def _note(self, values: object, made: bool) -> None:
+    def _record(self, values: object, created: bool) -> None:
         for value in tree_leaves(values):
             if not isinstance(value, Tensor):
                 continue
             storage = value.untyped_storage()
             if id(storage) in self._known:
                 continue
-            size = storage.nbytes() if made else 0
+            size = storage.nbytes() if created else 0
             self._known.add(id(storage))
-            self._held += size
-            self.peak = max(self.peak, self._held)
-            weakref.finalize(storage, self._drop, id(storage), size)
+            self._allocated += size
+            self.peak = max(self.peak, self._allocated)
+            weakref.finalize(storage, self._release, id(storage), size)
 
-    def _drop(self, identity: int, size: int) -> None:
+    def _release(self, identity: int, size: int) -> None:
         self._known.discard(identity)
-        self._held -= size
+        self._allocated -= size

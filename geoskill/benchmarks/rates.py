@@ -1,67 +1,73 @@
-"""Frame rates, as plain values, as a table and as a picture."""
+"""Frame rates, as plain values, as a table and as a plot."""
 
 from collections.abc import Mapping
 from statistics import median
 from typing import Any
 
 from matplotlib.figure import Figure
+from torch.utils.benchmark import Measurement
 
-from geoskill.benchmarks.measurement import Figures
-from geoskill.benchmarks.table import as_table
+from geoskill.benchmarks.table import format_table
 from geoskill.viz.curves import COLORS
 
 
-def relative_rate(figures: Figures, reference: Figures) -> float:
-    """The frame rate over that of another way: the median of the rounds, for both ways suffer alike within a round.
+def relative_rate(timing: Measurement, reference: Measurement) -> float:
+    """Return the frame rate relative to a reference: the median over the rounds of the ratio within a round.
 
-    >>> relative_rate(Figures((1.0, 2.0, 3.0)), Figures((2.0, 1.0, 3.0)))
+    A disturbance of the machine changes both times of a round, and so hardly their ratio.
+
+    >>> from geoskill.benchmarks.measurement import single_runs
+    >>> relative_rate(single_runs([1.0, 2.0, 3.0]), single_runs([2.0, 1.0, 3.0]))
     1.0
     """
-    return median(theirs / ours for ours, theirs in zip(figures.seconds, reference.seconds, strict=True))
+    rounds = zip(timing.times, reference.times, strict=True)
+    return median(reference_seconds / seconds for seconds, reference_seconds in rounds)
 
 
-def plain_rates(ways: Mapping[str, Figures], frames: int, reference: str) -> dict[str, Any]:
-    """Plain values, for JSON.
+def rates_dict(timings: Mapping[str, Measurement], frames: int, reference: str) -> dict[str, Any]:
+    """Return frame rates as plain values, for JSON.
 
     Args:
-        ways: by name, the seconds in which each of them goes through all frames.
-        frames: how many these are.
-        reference: the way that the others are compared with.
+        timings: by the workload's name; every run goes through all frames.
+        frames: number of frames.
+        reference: name of the workload that the others are compared with.
     """
     return {
         name: {
-            "frames_per_second": frames / figures.median_s,
-            f"over_{reference}": relative_rate(figures, ways[reference]),
-            "seconds": list(figures.seconds),
+            "frames_per_second": frames / timing.median,
+            f"over_{reference}": relative_rate(timing, timings[reference]),
+            "seconds": timing.times,
         }
-        for name, figures in ways.items()
+        for name, timing in timings.items()
     }
 
 
-def rates_table(ways: Mapping[str, Figures], frames: int, reference: str) -> str:
-    """A line for each way; the arguments are those of :func:`plain_rates`.
+def rates_table(timings: Mapping[str, Measurement], frames: int, reference: str) -> str:
+    """Format frame rates as a table with a line for each workload; the arguments are those of :func:`rates_dict`.
 
-    >>> print(rates_table({"read": Figures((0.1,)), "extract": Figures((0.4,))}, 20, "extract").splitlines()[-2])
+    >>> from geoskill.benchmarks.measurement import single_runs
+    >>> timings = {"read": single_runs([0.1]), "extract": single_runs([0.4])}
+    >>> print(rates_table(timings, 20, "extract").splitlines()[-2])
     | read | 200 | 4 |
     """
     lines = [
-        (name, f"{frames / figures.median_s:.3g}", f"{relative_rate(figures, ways[reference]):.3g}")
-        for name, figures in ways.items()
+        (name, f"{frames / timing.median:.3g}", f"{relative_rate(timing, timings[reference]):.3g}")
+        for name, timing in timings.items()
     ]
-    return as_table(("work", "frames/s", f"over {reference}"), lines)
+    return format_table(("work", "frames/s", f"over {reference}"), lines)
 
 
-def rates_figure(ways: Mapping[str, Figures], frames: int) -> Figure:
-    """A bar for each way, as long as its median rate, and a dot for every repetition."""
-    figure = Figure(figsize=(8, 0.8 + 0.45 * len(ways)), layout="constrained")
+def rates_figure(timings: Mapping[str, Measurement], frames: int) -> Figure:
+    """Plot a bar for each workload, as long as its median rate, and a dot for every round."""
+    figure = Figure(figsize=(8, 0.8 + 0.45 * len(timings)), layout="constrained")
     axes = figure.add_subplot()
-    for place, figures in enumerate(ways.values()):
-        axes.barh(place, frames / figures.median_s, 0.7, color=COLORS[0], alpha=0.6)
-        rates = [frames / seconds for seconds in figures.seconds]
-        axes.plot(rates, [place] * len(rates), "o", color="black", markersize=3)
-    axes.set_yticks(range(len(ways)), list(ways))
+    for position, timing in enumerate(timings.values()):
+        axes.barh(position, frames / timing.median, 0.7, color=COLORS[0], alpha=0.6)
+        rates = [frames / seconds for seconds in timing.times]
+        axes.plot(rates, [position] * len(rates), "o", color="black", markersize=3)
+    axes.set_yticks(range(len(timings)), list(timings))
     axes.invert_yaxis()
-    axes.set_xscale("log")  # reading is far faster than all else
+    axes.set_xscale("log")  # reading is far faster than everything else
     axes.set_xlabel("frames per second")
     axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -1,4 +1,4 @@
-"""``python -m geoskill.benchmarks.select_out``: times and memory of the scores of one frame and their softmax."""
+"""``python -m geoskill.benchmarks.select_out``: time and memory of the scores of one frame and their softmax."""
 
 from geoskill.benchmarks.command import run_benchmark
 

@@ -1,4 +1,4 @@
-"""What a live video needs done, each stage alone and all of them together."""
+"""The stages of a live video, each alone and all together."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import closing
@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 import torch
 
-from geoskill.benchmarks.measurement import Work
+from geoskill.benchmarks.measurement import Workload
 from geoskill.cli.reporting import extracted_ahead
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
@@ -19,7 +19,7 @@ from geoskill.skill.skill import Skill
 from geoskill.skill.spec import SkillComponents
 from geoskill.skill.temporal_filter import TemporalFilter
 
-# The way that the others are compared with.
+# The workload that the others are compared with.
 EXTRACT = "extract"
 OVERLAPPED = "all, overlapped"
 
@@ -27,14 +27,14 @@ OVERLAPPED = "all, overlapped"
 @final
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """The beginning of a video, and an untrained skill that has it for its demonstration.
+    """The first frames of a video, and an untrained skill with that video as its demonstration.
 
     Attributes:
-        source: read again by every way that reads.
-        frames: the first ones.
-        features: theirs, by the extractor's name.
-        skill: of the same cost as a trained one.
-        threads: how many frames are worked on at once where stages overlap.
+        source: the video; every workload that reads opens it again.
+        frames: its first frames.
+        features: of each of these frames, by the extractor's name.
+        skill: as expensive as a trained one.
+        threads: number of frames processed at once where stages overlap.
     """
 
     source: FrameSource
@@ -44,36 +44,39 @@ class Stages:
     threads: int
 
     @classmethod
-    def of(cls, source: FrameSource, count: int, parts: SkillComponents, device: str, threads: int) -> "Stages":
-        """The first ``count`` frames, or all if there are fewer.
+    def of(cls, source: FrameSource, count: int, components: SkillComponents, device: str, threads: int) -> "Stages":
+        """Read and extract the first ``count`` frames, or all if there are fewer, and fit the skill's prototypes.
 
         Raises:
-            InputError: when they cannot be read, or have no feature that a kernel needs.
+            InputError: when the frames cannot be read, or contain no feature of a type that a kernel needs.
         """
         frames = list(islice(source, count))
-        skill = Skill(parts)
+        skill = Skill(components)
         features = [skill.extract(frame.image) for frame in frames]
         for name, member in skill.members.items():
-            rows = {
-                kind: np.concatenate([found[extractor].descriptors for found in features])
-                for kind, extractor in member.extractors.items()
+            descriptors = {
+                node_type: np.concatenate([feature_sets[extractor].descriptors for feature_sets in features])
+                for node_type, extractor in member.extractors.items()
             }
-            for kind, of_kind in rows.items():
-                if len(of_kind) == 0:
-                    raise InputError(f"{source.name}: no {kind} in {len(frames)} frames; expected some for {name}")
-            member.scorer.fit_prototypes({kind: torch.from_numpy(of_kind) for kind, of_kind in rows.items()})
+            for node_type, rows in descriptors.items():
+                if len(rows) == 0:
+                    raise InputError(f"{source.name}: no {node_type} in {len(frames)} frames; expected some for {name}")
+            member.scorer.fit_prototypes({node_type: torch.from_numpy(rows) for node_type, rows in descriptors.items()})
             member.to(device)
         return cls(source, frames, features, skill, threads)
 
-    def ways(self) -> dict[str, Work]:
-        """Each goes through all frames once, by the code that ``infer.py`` uses; nothing is written."""
+    def workloads(self) -> dict[str, Workload]:
+        """Return the workloads by name; each goes through all frames once, with the code of ``infer.py``.
+
+        Nothing is written.
+        """
         return {
             "read": lambda: sum(1 for _ in self._read()),
             EXTRACT: lambda: [self.skill.extract(frame.image) for frame in self.frames],
             f"{EXTRACT}, {self.threads} at once": self._extract_at_once,
             "select": lambda: self._select(zip(self.frames, self.features, strict=True)),
-            "all, in turn": lambda: self._all(threads=1),
-            OVERLAPPED: lambda: self._all(self.threads),
+            "all, in turn": lambda: self._run_all(threads=1),
+            OVERLAPPED: lambda: self._run_all(self.threads),
         }
 
     def _read(self) -> Iterable[Frame]:
@@ -89,6 +92,6 @@ class Stages:
         for frame, features in extracted:
             infer(frame.image, features)
 
-    def _all(self, threads: int) -> None:
+    def _run_all(self, threads: int) -> None:
         with closing(extracted_ahead(self.skill, self._read(), threads, live=False)) as extracted:
             self._select(extracted)

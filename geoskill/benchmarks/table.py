@@ -1,4 +1,4 @@
-"""What was measured, as JSON, as a table and as a picture."""
+"""Reports of what was measured, as JSON, as a Markdown table and as a plot."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,24 +8,24 @@ from typing import Any, final
 
 from matplotlib.figure import Figure
 
-from geoskill.benchmarks.measurement import Figures
+from geoskill.benchmarks.measurement import Metrics
 from geoskill.viz.curves import COLORS, save_figure
 
-STYLES = {"ours": "o-", "cascade": "v-.", "plain": "s--", "products": "^:"}
+LINE_STYLES = {"dense": "o-", "cascade": "v-.", "pyg": "s--", "matmul_bound": "^:"}
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
-    """One case and the figures of each of its ways.
+    """The metrics of one case.
 
     Attributes:
-        kernel: of the case.
-        model: of the case.
-        precision: of the case.
-        features: of the case.
-        instances: how many there are.
-        ways: by name; ``ours`` is always there.
+        kernel: name of the kernel.
+        model: name of the network.
+        precision: of the network.
+        features: number of features of each node type.
+        instances: number of instances.
+        metrics: by the name of the variant; ``dense`` is always present.
     """
 
     kernel: str
@@ -33,10 +33,10 @@ class Row:
     precision: str
     features: int
     instances: int
-    ways: Mapping[str, Figures]
+    metrics: Mapping[str, Metrics]
 
-    def plain(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the row as plain values, for JSON."""
         return {
             "kernel": self.kernel,
             "model": self.model,
@@ -44,39 +44,44 @@ class Row:
             "features": self.features,
             "instances": self.instances,
             **{
-                name: {"median_s": way.median_s, "seconds": list(way.seconds), "peak_mb": way.peak_mb}
-                for name, way in self.ways.items()
+                variant: {
+                    "median_s": metrics.timing.median,
+                    "seconds": metrics.timing.times,
+                    "peak_mb": metrics.peak_mb,
+                }
+                for variant, metrics in self.metrics.items()
             },
         }
 
 
-HEAD = (
+HEADER = (
     "kernel",
     "model",
     "precision",
     "n",
     "instances",
-    "ours [ms]",
-    "plain / ours",
-    "ours / products",
-    "ours / cascade",
-    "ours [MiB]",
+    "dense [ms]",
+    "pyg / dense",
+    "dense / matmul bound",
+    "dense / cascade",
+    "dense [MiB]",
     "cascade [MiB]",
-    "plain [MiB]",
+    "pyg [MiB]",
 )
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """A table of medians, and of their ratios.
+    """Format rows as a table of median times, their ratios, and peak memory.
 
-    >>> ways = {"ours": Figures((0.2, 0.1, 0.3), 10.0), "plain": Figures((0.8, 0.8, 0.7), 40.0)}
-    >>> print(markdown([Row("p2p", "paper", "float32", 60, 1770, ways)]).splitlines()[-1])
+    >>> from geoskill.benchmarks.measurement import single_runs
+    >>> dense, pyg = Metrics(single_runs([0.2, 0.1, 0.3]), 10.0), Metrics(single_runs([0.8, 0.8, 0.7]), 40.0)
+    >>> print(markdown([Row("p2p", "paper", "float32", 60, 1770, {"dense": dense, "pyg": pyg})]).splitlines()[-1])
     | p2p | paper | float32 | 60 | 1770 | 200 | 4.00 |  |  | 10 |  | 40 |
     """
     lines = []
     for row in rows:
-        ours, cascade, plain, products = (row.ways.get(name) for name in ("ours", "cascade", "plain", "products"))
-        assert ours is not None
+        dense = row.metrics["dense"]
+        cascade, pyg, bound = (row.metrics.get(variant) for variant in ("cascade", "pyg", "matmul_bound"))
         lines.append(
             (
                 row.kernel,
@@ -84,56 +89,63 @@ def markdown(rows: Sequence[Row]) -> str:
                 row.precision,
                 str(row.features),
                 str(row.instances),
-                f"{1000 * ours.median_s:.3g}",
-                "" if plain is None else f"{plain.median_s / ours.median_s:.2f}",
-                "" if products is None else f"{ours.median_s / products.median_s:.2f}",
-                "" if cascade is None else f"{ours.median_s / cascade.median_s:.2f}",
-                _memory(ours),
+                f"{1000 * dense.timing.median:.3g}",
+                _ratio(pyg, dense),
+                _ratio(dense, bound),
+                _ratio(dense, cascade),
+                _memory(dense),
                 _memory(cascade),
-                _memory(plain),
+                _memory(pyg),
             )
         )
-    return as_table(HEAD, lines)
+    return format_table(HEADER, lines)
 
 
-def as_table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ("---",) * len(head), *lines)) + "\n"
+def format_table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Format a table in Markdown."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (header, ("---",) * len(header), *lines)) + "\n"
 
 
-def _memory(figures: Figures | None) -> str:
-    return "" if figures is None or figures.peak_mb is None else f"{figures.peak_mb:.0f}"
+def _ratio(numerator: Metrics | None, denominator: Metrics | None) -> str:
+    if numerator is None or denominator is None:
+        return ""
+    return f"{numerator.timing.median / denominator.timing.median:.2f}"
+
+
+def _memory(metrics: Metrics | None) -> str:
+    return "" if metrics is None or metrics.peak_mb is None else f"{metrics.peak_mb:.0f}"
 
 
 def write_report(rows: Sequence[Row], machine: Mapping[str, Any], folder: Path, name: str) -> None:
-    """``NAME.json``, ``NAME.md`` and ``NAME.png`` in a folder."""
-    content = {"machine": dict(machine), "rows": [row.plain() for row in rows]}
+    """Write rows to ``NAME.json``, ``NAME.md`` and ``NAME.png`` in a folder."""
+    content = {"machine": dict(machine), "rows": [row.to_dict() for row in rows]}
     write_files(content, markdown(rows), growth_figure(rows), folder, name)
 
 
 def write_files(content: Mapping[str, Any], table: str, figure: Figure, folder: Path, name: str) -> None:
-    """``NAME.json``, ``NAME.md`` and ``NAME.png``, whatever is in them."""
+    """Write a report's content to ``NAME.json``, its table to ``NAME.md`` and its plot to ``NAME.png`` in a folder."""
     (folder / f"{name}.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
     (folder / f"{name}.md").write_text(table, encoding="utf-8")
     save_figure(figure, folder / f"{name}.png")
 
 
 def growth_figure(rows: Sequence[Row]) -> Figure:
-    """Time and memory over the number of features, a line for each kernel, model, precision and way."""
+    """Plot time and memory over the number of features, a line for each kernel, model, precision and variant."""
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     cases = list(dict.fromkeys((row.kernel, row.model, row.precision) for row in rows))
     for number, case in enumerate(cases):
-        of_case = [row for row in rows if (row.kernel, row.model, row.precision) == case]
-        for way, style in STYLES.items():
-            color, label = COLORS[number % len(COLORS)], f"{' '.join(case)}, {way}"
-            known = [row for row in of_case if way in row.ways]
-            if known:
-                counts = [row.features for row in known]
-                left.plot(counts, [row.ways[way].median_s for row in known], style, color=color, label=label)
-            held = [(row.features, row.ways[way].peak_mb) for row in known if row.ways[way].peak_mb is not None]
-            if held:
-                right.plot(*zip(*held, strict=True), style, color=color)
+        color = COLORS[number % len(COLORS)]
+        case_rows = [row for row in rows if (row.kernel, row.model, row.precision) == case]
+        for variant, style in LINE_STYLES.items():
+            measured = [(row.features, row.metrics[variant]) for row in case_rows if variant in row.metrics]
+            if measured:
+                counts = [features for features, _ in measured]
+                medians = [metrics.timing.median for _, metrics in measured]
+                left.plot(counts, medians, style, color=color, label=f"{' '.join(case)}, {variant}")
+            peaks = [(features, metrics.peak_mb) for features, metrics in measured if metrics.peak_mb is not None]
+            if peaks:
+                right.plot(*zip(*peaks, strict=True), style, color=color)
     for axes, label in ((left, "seconds"), (right, "peak memory [MiB]")):
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -1,4 +1,4 @@
-"""``python -m geoskill.benchmarks.training``: times and memory of one step of training on a frame."""
+"""``python -m geoskill.benchmarks.training``: time and memory of one training step on one frame."""
 
 from geoskill.benchmarks.command import run_benchmark
 

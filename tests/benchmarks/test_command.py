@@ -1,4 +1,4 @@
-"""``python -m geoskill.benchmarks.select_out`` and ``.training``: whole small ones, and their refusals."""
+"""The commands ``python -m geoskill.benchmarks.select_out`` and ``.training``, on small cases and on bad input."""
 
 import json
 import subprocess
@@ -18,10 +18,10 @@ def run(job: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("job", ["select_out", "training"])
-def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
-    ended = run(job, *SMALL, "features=[8,4]", f"hydra.run.dir={tmp_path}")
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert "| p2p | bilinear | float32 | 8 | 28 |" in ended.stdout
+def test_benchmark_writes_table_json_and_plot(job: str, tmp_path: Path) -> None:
+    process = run(job, *SMALL, "features=[8,4]", f"hydra.run.dir={tmp_path}")
+    assert (process.returncode, process.stderr) == (0, "")
+    assert "| p2p | bilinear | float32 | 8 | 28 |" in process.stdout
     content = json.loads((tmp_path / f"{job}.json").read_text())
     assert [(row["model"], row["precision"], row["features"], row["instances"]) for row in content["rows"]] == [
         ("default", "float32", 4, 6),
@@ -33,17 +33,18 @@ def test_a_table_a_file_and_a_picture(job: str, tmp_path: Path) -> None:
     ]
     assert content["machine"]["threads"] == 1
     for row in content["rows"]:
-        ways = {"ours", "cascade", "plain", "products"} & row.keys()
-        assert ways == ({"ours", "plain", "products"} if row["model"] == "default" else {"ours"})
-        for way in ways:
-            assert len(row[way]["seconds"]) == 2
-            assert (row[way]["peak_mb"] is None) == (way == "products")
+        variants = {"dense", "cascade", "pyg", "matmul_bound"} & row.keys()
+        assert variants == ({"dense", "pyg", "matmul_bound"} if row["model"] == "default" else {"dense"})
+        for variant in variants:
+            assert len(row[variant]["seconds"]) == 2
+            assert row[variant]["median_s"] == pytest.approx(sum(row[variant]["seconds"]) / 2)
+            assert (row[variant]["peak_mb"] is None) == (variant == "matmul_bound")
     assert (tmp_path / f"{job}.md").read_text().count("\n") == 8
     assert (tmp_path / f"{job}.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
-def test_a_model_without_that_precision_has_the_first(tmp_path: Path) -> None:
+def test_unsupported_precision_falls_back_to_first_available(tmp_path: Path) -> None:
     arguments = (
         "models=[bilinear]",
         "kernels=[p2p]",
@@ -57,15 +58,15 @@ def test_a_model_without_that_precision_has_the_first(tmp_path: Path) -> None:
     assert [row["precision"] for row in rows] == ["float32"]
 
 
-def test_what_would_take_too_long_is_left_out(tmp_path: Path) -> None:
-    ended = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
-    assert ended.returncode == 0
+def test_limit_s_leaves_out_slow_cases(tmp_path: Path) -> None:
+    process = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
+    assert process.returncode == 0
     rows = json.loads((tmp_path / "select_out.json").read_text())["rows"]
     assert [row["features"] for row in rows] == [8, 8, 8]
 
 
 @pytest.mark.slow
-def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at(tmp_path: Path) -> None:
+def test_cascade_is_measured_only_above_its_number_of_instances(tmp_path: Path) -> None:
     arguments = (
         "models=[default]",
         "kernels=[p2p]",
@@ -74,12 +75,12 @@ def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at
         "features=[64,80]",
         "precisions=[float32]",
     )
-    ended = run("select_out", *arguments, f"hydra.run.dir={tmp_path}")
-    assert (ended.returncode, ended.stderr) == (0, "")
+    process = run("select_out", *arguments, f"hydra.run.dir={tmp_path}")
+    assert (process.returncode, process.stderr) == (0, "")
     few, many = json.loads((tmp_path / "select_out.json").read_text())["rows"]
     assert (few["instances"], many["instances"]) == (2016, 3160)
     assert "cascade" not in few
-    assert many["cascade"]["peak_mb"] < many["ours"]["peak_mb"]
+    assert many["cascade"]["peak_mb"] < many["dense"]["peak_mb"]
 
 
 @pytest.mark.slow
@@ -98,8 +99,8 @@ def test_the_cascade_is_measured_where_there_are_more_instances_than_it_looks_at
         ("feature=[8]", "Could not override 'feature'"),
     ],
 )
-def test_bad_input(argument: str, message: str, tmp_path: Path) -> None:
-    ended = run("select_out", argument, f"hydra.run.dir={tmp_path}")
-    assert ended.returncode == 2
-    assert ended.stderr.startswith(f"error: {message}")
-    assert ended.stderr.count("\n") == 1
+def test_select_out_rejects_bad_input(argument: str, message: str, tmp_path: Path) -> None:
+    process = run("select_out", argument, f"hydra.run.dir={tmp_path}")
+    assert process.returncode == 2
+    assert process.stderr.startswith(f"error: {message}")
+    assert process.stderr.count("\n") == 1

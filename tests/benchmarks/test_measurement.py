@@ -1,28 +1,41 @@
-"""What is said of times and memory."""
+"""Timing in turns and peak memory."""
 
 import pytest
 import torch
 
-from geoskill.benchmarks.measurement import Figures, peak_memory_mb, times_in_turn
+from geoskill.benchmarks.measurement import peak_memory_mb, single_runs, time_in_turns
 
 
-def test_ways_are_timed_in_turn_after_a_round_that_does_not_count() -> None:
+def test_workloads_are_timed_in_turns_after_an_untimed_round() -> None:
     order: list[str] = []
-    times = times_in_turn({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, repeats=3)
+    timings = time_in_turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, repeats=3)
     assert order == ["a", "b"] * 4
-    assert {name: len(seconds) for name, seconds in times.items()} == {"a": 3, "b": 3}
-    assert all(seconds >= 0 for each in times.values() for seconds in each)
+    assert {name: len(timing.times) for name, timing in timings.items()} == {"a": 3, "b": 3}
+    assert {name: timing.label for name, timing in timings.items()} == {"a": "a", "b": "b"}
+    assert all(seconds >= 0 for timing in timings.values() for seconds in timing.times)
 
 
-def test_the_median_is_not_moved_by_one_disturbance() -> None:
-    assert Figures((0.1, 0.2, 9.0)).median_s == 0.2
+def test_time_in_turns_times_the_workload_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+
+    def work(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    monkeypatch.setattr("geoskill.benchmarks.measurement.timer", lambda: now)
+    timings = time_in_turns({"short": lambda: work(0.25), "long": lambda: work(2.0)}, repeats=2)
+    assert {name: timing.times for name, timing in timings.items()} == {"short": [0.25] * 2, "long": [2.0] * 2}
 
 
-def test_peak_memory_counts_what_is_held_at_once() -> None:
-    there_before = torch.ones(1 << 20)
+def test_median_ignores_one_disturbance() -> None:
+    assert single_runs([0.1, 0.2, 9.0]).median == 0.2
+
+
+def test_peak_memory_counts_tensors_alive_at_once() -> None:
+    existing = torch.ones(1 << 20)
 
     def work() -> torch.Tensor:
-        large = there_before.repeat(10)  # 40 MiB
+        large = existing.repeat(10)  # 40 MiB
         small = large[: 1 << 20] + 1  # 4 MiB
         del large
         return small + small  # 8 MiB
@@ -30,5 +43,5 @@ def test_peak_memory_counts_what_is_held_at_once() -> None:
     assert peak_memory_mb(work) == pytest.approx(44, abs=0.5)
 
 
-def test_work_without_tensors_holds_nothing() -> None:
+def test_peak_memory_without_tensors_is_zero() -> None:
     assert peak_memory_mb(lambda: None) == 0

@@ -1,4 +1,4 @@
-"""``python -m geoskill.benchmarks.pipeline``: a whole small one, and its refusals."""
+"""The command ``python -m geoskill.benchmarks.pipeline``, on a small video and on bad input."""
 
 import json
 import os
@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import torch
 
-from geoskill.benchmarks.measurement import Figures
+from geoskill.benchmarks.measurement import single_runs
 from geoskill.benchmarks.rates import relative_rate
 from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
 from geoskill.io.video import ImageFolder
 from geoskill.skill.skill import Skill
 from geoskill.skill.spec import build
 
-WAYS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
+WORKLOADS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -33,28 +33,28 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_table_a_file_and_a_picture(demonstration_folder: Path, tmp_path: Path) -> None:
+def test_pipeline_writes_table_json_and_plot(demonstration_folder: Path, tmp_path: Path) -> None:
     small = ("model.hidden_dim=8", "model.prototypes=5", "features.min_side=0", "features.max_features=10")
     arguments = (f"video={demonstration_folder}", "frames=3", "repeats=2", "threads=2")
-    ended = run(*small, *arguments, f"hydra.run.dir={tmp_path}")
-    assert (ended.returncode, ended.stderr) == (0, "")
+    process = run(*small, *arguments, f"hydra.run.dir={tmp_path}")
+    assert (process.returncode, process.stderr) == (0, "")
     content = json.loads((tmp_path / "pipeline.json").read_text())
     assert (content["source"], content["frames"]) == (str(demonstration_folder), 3)
     assert (content["image_size"], content["machine"]["threads"]) == ([160, 120], 2)
     assert content["skill"]["model"]["hidden_dim"] == 8
-    assert list(content["ways"]) == WAYS
-    for way in content["ways"].values():
-        assert len(way["seconds"]) == 2
-        assert way["frames_per_second"] == pytest.approx(3 / (sum(way["seconds"]) / 2))
-    assert content["ways"]["extract"]["over_extract"] == 1
+    assert list(content["workloads"]) == WORKLOADS
+    for rates in content["workloads"].values():
+        assert len(rates["seconds"]) == 2
+        assert rates["frames_per_second"] == pytest.approx(3 / (sum(rates["seconds"]) / 2))
+    assert content["workloads"]["extract"]["over_extract"] == 1
     table = (tmp_path / "pipeline.md").read_text()
-    assert table in ended.stdout
-    assert [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[2:]] == WAYS
+    assert table in process.stdout
+    assert [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[2:]] == WORKLOADS
     assert (tmp_path / "pipeline.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_pytorch_waits_for_the_setting_of_its_threads() -> None:
-    """It reads it once, when it is imported."""
+def test_omp_wait_policy_is_set_before_torch_is_imported() -> None:
+    """PyTorch reads the variable once, on import."""
     program = (
         "import os, sys\n"
         "import geoskill.cli.infer, geoskill.benchmarks.pipeline\n"
@@ -63,15 +63,15 @@ def test_pytorch_waits_for_the_setting_of_its_threads() -> None:
         "let_idle_threads_sleep()\n"
         "assert os.environ['OMP_WAIT_POLICY'] == os.environ.get('WANTED', 'PASSIVE')\n"
     )
-    kept = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
-    for given in ({}, {"OMP_WAIT_POLICY": "ACTIVE", "WANTED": "ACTIVE"}):
-        ended = subprocess.run([sys.executable, "-c", program], env={**kept, **given}, check=False)
-        assert ended.returncode == 0
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    for variables in ({}, {"OMP_WAIT_POLICY": "ACTIVE", "WANTED": "ACTIVE"}):
+        process = subprocess.run([sys.executable, "-c", program], env={**environment, **variables}, check=False)
+        assert process.returncode == 0
 
 
-def test_rates_are_compared_within_a_round() -> None:
-    """A machine that gets ten times as slow after a round changes no ratio."""
-    assert relative_rate(Figures((1.0, 10.0, 10.0)), Figures((2.0, 20.0, 20.0))) == 2.0
+def test_relative_rate_compares_within_a_round() -> None:
+    """A machine that becomes ten times as slow after the first round changes no ratio."""
+    assert relative_rate(single_runs([1.0, 10.0, 10.0]), single_runs([2.0, 20.0, 20.0])) == 2.0
 
 
 @pytest.fixture
@@ -79,41 +79,41 @@ def stages(demonstration_folder: Path, description: dict[str, Any]) -> Stages:
     return Stages.of(ImageFolder(demonstration_folder), 4, build(description), "cpu", 3)
 
 
-def test_every_way_goes_through_all_frames_with_the_same_skill(
+def test_workloads_process_all_frames_with_the_same_skill(
     stages: Stages, demonstration_frames: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ways = stages.ways()
+    workloads = stages.workloads()
     extracted: list[bytes] = []
     observed: list[bytes] = []
     extract, observe = Skill.extract, Skill.observe
 
-    def noted(list_of: list[bytes], real: Callable[..., Any]) -> Callable[..., Any]:
+    def recorded(calls: list[bytes], method: Callable[..., Any]) -> Callable[..., Any]:
         def call(skill: Skill, frame: np.ndarray, *features: Any) -> Any:
-            list_of.append(frame.tobytes())
-            return real(skill, frame, *features)
+            calls.append(frame.tobytes())
+            return method(skill, frame, *features)
 
         return call
 
-    monkeypatch.setattr(Skill, "extract", noted(extracted, extract))
-    monkeypatch.setattr(Skill, "observe", noted(observed, observe))
+    monkeypatch.setattr(Skill, "extract", recorded(extracted, extract))
+    monkeypatch.setattr(Skill, "observe", recorded(observed, observe))
     frames = [frame.tobytes() for frame in demonstration_frames[:4]]
-    for name, work in ways.items():
+    for name, workload in workloads.items():
         extracted.clear()
         observed.clear()
-        work()
-        # Threads may begin with any of those that are at hand.
+        workload()
+        # Threads start with any of the frames that are ready.
         assert sorted(extracted) == (sorted(frames) if name.startswith((EXTRACT, "all")) else [])
         assert observed == (frames if name.startswith(("select", "all")) else [])
-    assert list(ways)[-1] == OVERLAPPED
+    assert list(workloads)[-1] == OVERLAPPED
 
 
-def test_the_skill_remembers_the_video(stages: Stages) -> None:
-    known = {row.tobytes() for found in stages.features for row in found["sift"].descriptors}
+def test_prototypes_are_descriptors_of_the_video(stages: Stages) -> None:
+    descriptors = {row.tobytes() for feature_sets in stages.features for row in feature_sets["sift"].descriptors}
     for member in stages.skill.members.values():
         prototypes = member.scorer.prototype_score.get_buffer("point_prototypes")
-        assert {row.numpy().tobytes() for row in prototypes} <= known
+        assert {row.numpy().tobytes() for row in prototypes} <= descriptors
         assert not torch.equal(prototypes[0], prototypes[1])
-    assert all(one is not other for one, other in pairwise(stages.frames))
+    assert all(frame is not following for frame, following in pairwise(stages.frames))
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_skill_remembers_the_video(stages: Stages) -> None:
         (["frame=8"], "Could not override 'frame'"),
     ],
 )
-def test_bad_input(
+def test_pipeline_rejects_bad_input(
     arguments: list[str],
     message: str,
     tmp_path: Path,
@@ -152,16 +152,16 @@ def test_bad_input(
     monkeypatch.setenv("OMP_WAIT_POLICY", "PASSIVE")
     monkeypatch.setattr(sys, "argv", ["pipeline", *arguments, f"hydra.run.dir={tmp_path}"])
     GlobalHydra.instance().clear()
-    with pytest.raises(SystemExit) as ending:
+    with pytest.raises(SystemExit) as exit_info:
         run_command("pipeline", measure)
-    said = capsys.readouterr().err
-    assert ending.value.code == 2
-    assert said.startswith(f"error: {message}")
-    assert said.count("\n") == 1
+    message_printed = capsys.readouterr().err
+    assert exit_info.value.code == 2
+    assert message_printed.startswith(f"error: {message}")
+    assert message_printed.count("\n") == 1
     assert not (tmp_path / "pipeline.json").exists()
 
 
-def test_a_video_without_a_feature(tmp_path: Path, description: dict[str, Any]) -> None:
+def test_stages_reject_video_without_features(tmp_path: Path, description: dict[str, Any]) -> None:
     import cv2
 
     from geoskill.errors import InputError

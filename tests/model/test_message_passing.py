@@ -1,4 +1,4 @@
-"""What is particular to the message passing; that it computes the right thing is in test_reference.py."""
+"""Properties of the message passing itself; its values are tested in benchmarks/test_pyg_reference.py."""
 
 import pytest
 import torch
