@@ -126,7 +126,7 @@ def hand_made_recording() -> "Recording":
     """
     from geoskill.geometry.camera import PinholeCamera
     from geoskill.geometry.poses import pose, rotation_about
-    from geoskill.simulation.recording import Recording, as_png
+    from geoskill.simulation.recording import Recording, encode_png
     from geoskill.simulation.roles import SceneRole
     from geoskill.simulation.tasks.task import RolePart
 
@@ -146,8 +146,8 @@ def hand_made_recording() -> "Recording":
         ):
             number[where], depth[where] = bodies.index(name) + 2, at
         number[number == 1] = bodies.index("table") + 2
-        shown.append(as_png(number))
-        depths.append(as_png(depth))
+        shown.append(encode_png(number))
+        depths.append(encode_png(depth))
     still = [pose((0.0, 0.0, 0.0)), pose((0.0, 0.0, 0.0)), pose((0.125, 0.0, 0.0))]
     turned = pose((0.1, 0.0, 0.2), rotation_about(np.array([0.0, 0.0, np.pi / 2])))
     poses = [
@@ -157,12 +157,12 @@ def hand_made_recording() -> "Recording":
     picture = cv2.imencode(".jpg", np.full((31, 41, 3), 90, np.uint8))[1].tobytes()
     return Recording(
         pictures=[picture] * 2,
-        shown=shown,
+        segmentations=shown,
         depths=depths,
         bodies=bodies,
         poses=np.array(poses),
-        lens=PinholeCamera(41, 31, 80.0, np.eye(4)),
-        camera=np.stack([above, above]),
+        intrinsics=PinholeCamera(41, 31, 80.0, np.eye(4)),
+        camera_poses=np.stack([above, above]),
         roles=(
             RolePart("box", SceneRole.OBJECT),
             RolePart("tile", SceneRole.TARGET),
@@ -181,7 +181,7 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
     """
     from dataclasses import replace
 
-    from geoskill.simulation.recording import Cloth, as_png
+    from geoskill.simulation.recording import Cloth, encode_png
     from geoskill.simulation.roles import SceneRole
     from geoskill.simulation.tasks.task import INFINITE, RolePart
 
@@ -195,8 +195,8 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
     over[13, 26] = 9804  # 0.98039 is where the ray meets the upper layer
     return replace(
         hand_made_recording,
-        shown=[as_png(number)] * 2,
-        depths=[as_png(flat), as_png(over)],
+        shown=[encode_png(number)] * 2,
+        depths=[encode_png(flat), encode_png(over)],
         bodies=["world", "cloth"],
         poses=np.tile(np.eye(4), (2, 2, 1, 1)),
         roles=(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from geoskill.evaluation.goal import STRICT_M
-from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
+from geoskill.simulation.ground_truth import FrameGroundTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
 
@@ -53,7 +53,7 @@ def track_hand_picked_pairs(recording: Recording) -> BaselineOutcome:
     first = cv2.cvtColor(recording.picture(0), cv2.COLOR_RGB2GRAY)
     corners = cv2.goodFeaturesToTrack(first, maxCorners=1000, qualityLevel=0.005, minDistance=4)
     pixels = np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)  # the strongest first
-    surfaces = FrameTruth(recording, 0).surface(np.round(pixels).astype(np.int64))
+    surfaces = FrameGroundTruth(recording, 0).at(np.round(pixels).astype(np.int64))
     known = [place for place, surface in enumerate(surfaces) if surface is not None and surface.role is not None]
     seen = _seen_at_the_end(recording, [surfaces[place] for place in known])
     picked: dict[SceneRole, list[int]] = {SceneRole.OBJECT: [], SceneRole.TARGET: []}
@@ -73,9 +73,13 @@ def track_hand_picked_pairs(recording: Recording) -> BaselineOutcome:
 
 def _seen_at_the_end(recording: Recording, surfaces: list[SurfacePoint | None]) -> list[bool]:
     points = [surface for surface in surfaces if surface is not None]
-    shown = FrameTruth(recording, len(recording) - 1).surface(np.round(goal_pixels(recording, points)).astype(np.int64))
+    shown = FrameGroundTruth(recording, len(recording) - 1).at(
+        np.round(goal_pixels(recording, points)).astype(np.int64)
+    )
     return [
-        found is not None and found.body == point.body and float(np.linalg.norm(found.place - point.place)) <= STRICT_M
+        found is not None
+        and found.body == point.body
+        and float(np.linalg.norm(found.position - point.position)) <= STRICT_M
         for point, found in zip(points, shown, strict=True)
     ]
 

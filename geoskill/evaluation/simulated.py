@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels, Region
-from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
+from geoskill.simulation.ground_truth import FrameGroundTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
 
@@ -26,7 +26,7 @@ class SimulatedFrame(FrameLabels):
     """
 
     def __init__(self, recording: Recording, frame: int, goal: Recording | None = None) -> None:
-        self._truth = FrameTruth(recording, frame)
+        self._truth = FrameGroundTruth(recording, frame)
         self._goal = recording if goal is None else goal
         self._known: dict[tuple[object, ...], SurfacePoint | None] = {}  # the same features are asked about repeatedly
 
@@ -59,7 +59,7 @@ class SimulatedFrame(FrameLabels):
     def _search(self, point: tuple[float, float], tolerance_px: float, among: Sequence[Region]) -> SurfacePoint | None:
         column, row = round(point[0]), round(point[1])
         offset = (point[0] - column, point[1] - row)
-        found = self._truth.surface(np.array([column, row]) + _disk(tolerance_px), offset)  # the nearest ones first
+        found = self._truth.at(np.array([column, row]) + _disk(tolerance_px), offset)  # the nearest ones first
         if found[0] is not None and _region(found[0]) in among:
             return found[0]
         for region in among:
@@ -98,7 +98,7 @@ class SimulatedLabels(Labels):
 
     def require_size(self, image_size: tuple[int, int]) -> None:
         """See :meth:`Labels.require_size`; frames and labels come from one recording."""
-        expected = (self._recording.lens.width, self._recording.lens.height)
+        expected = (self._recording.intrinsics.width, self._recording.intrinsics.height)
         if image_size != expected:
             raise ValueError(f"{self.name}: the frames are {image_size}; expected {expected}")
 

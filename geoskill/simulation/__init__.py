@@ -1,10 +1,10 @@
-"""Rendered demonstrations of four tasks, with the ground truth that a camera cannot give."""
+"""Rendered demonstrations of four manipulation tasks, with ground truth that no camera provides."""
 
 import os
 import sys
 from ctypes.util import find_library
 
-# MuJoCo reads it while it is imported. Only on Linux does its default need a display. Where EGL is missing, the import
-# would fail; switched off, it is only the rendering that does, and that says what to install.
+# MuJoCo chooses its OpenGL backend when it is imported, and only on Linux does the default need a display. If EGL is
+# missing, "disable" keeps the import working, so that only rendering fails, with a message that says what to install.
 if sys.platform.startswith("linux") and "MUJOCO_GL" not in os.environ:
     os.environ["MUJOCO_GL"] = "egl" if find_library("EGL") and find_library("GL") else "disable"

@@ -1,4 +1,4 @@
-"""Random numbers that depend on what they are for, and on nothing else."""
+"""Independent random generators, one per purpose."""
 
 import zlib
 
@@ -6,7 +6,9 @@ import numpy as np
 
 
 def generator(seed: int, *purpose: str | int) -> np.random.Generator:
-    """A generator of its own for a seed and a purpose, so that one more draw here changes nothing there.
+    """Return the random generator of a seed and a purpose.
+
+    Every purpose has a stream of its own, so an additional draw for one purpose does not change another's numbers.
 
     >>> generator(0, "print").integers(100) == generator(0, "print").integers(100)
     True

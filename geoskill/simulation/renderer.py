@@ -1,4 +1,4 @@
-"""Pictures, bodies and depths of a MuJoCo scene, without a display."""
+"""Color images, segmentation and depth of a MuJoCo scene, rendered without a display."""
 
 from types import TracebackType
 from typing import final
@@ -9,8 +9,8 @@ from jaxtyping import Float32, Int16, UInt8
 
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, focal_length_px
-from geoskill.geometry.poses import pose
-from geoskill.simulation.parts import moving_body, place
+from geoskill.geometry.poses import Pose, pose
+from geoskill.simulation.shapes import add_mocap_body, set_body_pose
 
 CAMERA = "camera"
 VERTICAL_VIEW_DEG = 40.0
@@ -18,39 +18,44 @@ SYSTEM_PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 
 
 def add_camera(spec: mujoco.MjSpec, width: int, height: int) -> None:
-    """The recording camera, whose pose is set on every frame."""
+    """Add the recording camera, whose pose :func:`set_camera_pose` sets on every frame."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.shadowsize = 4096
     spec.visual.quality.offsamples = 4
     spec.visual.map.znear = 0.05
-    # Shadows are computed for what lies so far around the middle of the scene; the wider, the coarser.
+    # The extent is the area around the center in which shadows are computed; the wider, the coarser they are.
     spec.stat.center, spec.stat.extent = [0.0, 0.0, 0.0], 1.0
-    moving_body(spec, CAMERA).add_camera(name=CAMERA, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
+    add_mocap_body(spec, CAMERA).add_camera(name=CAMERA, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
 
 
-def lens(width: int, height: int) -> PinholeCamera:
-    """The camera's intrinsics, at the origin."""
+def camera_intrinsics(width: int, height: int) -> PinholeCamera:
+    """Return the recording camera at the origin."""
     return PinholeCamera(width, height, focal_length_px(height, float(np.radians(VERTICAL_VIEW_DEG))), np.eye(4))
 
 
-def place_camera(model: mujoco.MjModel, data: mujoco.MjData, matrix: np.ndarray) -> None:
-    """Put the camera where it belongs; MuJoCo's looks along -z with y up, ours along z with y down."""
-    place(model, data, CAMERA, matrix @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0])))
+def set_camera_pose(model: mujoco.MjModel, data: mujoco.MjData, camera_pose: Pose) -> None:
+    """Set the camera's pose; MuJoCo's cameras look along -z with y up, :class:`PinholeCamera` along z with y down."""
+    set_body_pose(model, data, CAMERA, camera_pose @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0])))
 
 
 @final
 class Renderer:
-    """Renders one model; to be closed, best by ``with``.
+    """An offscreen renderer of one model, to be closed after use, preferably by ``with``.
+
+    Args:
+        model: to be rendered.
+        width: of the images, pixels.
+        height: of the images, pixels.
 
     Raises:
-        InputError: where no OpenGL context can be had; names the system packages that bring one.
+        InputError: when no OpenGL context is available; names the system packages that provide one.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         self._model = model
         try:
             self._renderer = mujoco.Renderer(model, height, width)
-        except Exception as error:  # every platform has errors of its own
+        except Exception as error:  # every platform raises errors of its own
             raise InputError(
                 f"no OpenGL context for rendering ({type(error).__name__}: {error}); expected EGL:"
                 f" sudo apt-get install {SYSTEM_PACKAGES}"
@@ -60,33 +65,33 @@ class Renderer:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
 
     def close(self) -> None:
-        """Give the context back; MuJoCo can fail when another is made before."""
+        """Release the OpenGL context; MuJoCo can fail when another one is created before."""
         self._renderer.close()
 
     def picture(self, data: mujoco.MjData) -> UInt8[np.ndarray, "height width 3"]:
-        """RGB."""
+        """Render an RGB image."""
         self._renderer.update_scene(data, CAMERA)
         return np.array(self._renderer.render())
 
-    def bodies(self, data: mujoco.MjData) -> Int16[np.ndarray, "height width"]:
-        """The number of the body that each pixel shows: -1 a flexible part, -2 nothing."""
+    def body_ids(self, data: mujoco.MjData) -> Int16[np.ndarray, "height width"]:
+        """Render the id of the body that is visible at each pixel: -1 for a flexible body, -2 for none."""
         self._renderer.enable_segmentation_rendering()
         self._renderer.update_scene(data, CAMERA)
-        ids, kinds = np.moveaxis(self._renderer.render(), -1, 0)
+        ids, types = np.moveaxis(self._renderer.render(), -1, 0)
         self._renderer.disable_segmentation_rendering()
-        shown = np.full(ids.shape, -2, np.int16)
-        geoms = kinds == int(mujoco.mjtObj.mjOBJ_GEOM)  # NumPy would compare an enum item by item
-        shown[geoms] = self._model.geom_bodyid[ids[geoms]]
-        shown[kinds == int(mujoco.mjtObj.mjOBJ_FLEX)] = -1
-        return shown
+        bodies = np.full(ids.shape, -2, np.int16)
+        is_geom = types == int(mujoco.mjtObj.mjOBJ_GEOM)  # NumPy would compare with the enum itself pixel by pixel
+        bodies[is_geom] = self._model.geom_bodyid[ids[is_geom]]
+        bodies[types == int(mujoco.mjtObj.mjOBJ_FLEX)] = -1
+        return bodies
 
     def depth_m(self, data: mujoco.MjData) -> Float32[np.ndarray, "height width"]:
-        """Along the camera's axis."""
+        """Render the depth of each pixel along the camera's axis, meters."""
         self._renderer.enable_depth_rendering()
         self._renderer.update_scene(data, CAMERA)
         depth = self._renderer.render().copy()

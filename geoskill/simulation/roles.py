@@ -1,4 +1,4 @@
-"""Roles that the things of a scene play in a task."""
+"""Roles that bodies of a scene play in a task."""
 
 from enum import StrEnum
 from typing import final
@@ -6,7 +6,7 @@ from typing import final
 
 @final
 class SceneRole(StrEnum):
-    """SceneRole of a thing in a task, in the order in which overlapping things take precedence.
+    """Role of a body in a task, in order of precedence where bodies with different roles overlap.
 
     AGENT is whoever moves the object: a person's hand or a robot's gripper.
     """

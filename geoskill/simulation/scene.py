@@ -1,6 +1,7 @@
 """From a task and conditions to a recording."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import final
 
 import mujoco
@@ -10,43 +11,46 @@ from jaxtyping import Float64
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, back_project, project
 from geoskill.geometry.poses import Pose, inverse, pose, transform
-from geoskill.simulation import renderer
 from geoskill.simulation.actors.actor import BODY as ACTOR
 from geoskill.simulation.actors.actor import Actor
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
-from geoskill.simulation.conditions import START_SPREAD, Conditions, camera_course, looking_aside
+from geoskill.simulation.conditions import START_RANGE, Conditions, camera_trajectory, pan_aside
 from geoskill.simulation.environment import (
-    PASSER_BY,
-    Passing,
+    LAMP,
+    OCCLUDER,
+    Occlusion,
     add_light,
-    add_passer_by,
+    add_occluder,
     add_table,
-    lamp_course,
-    passing_course,
+    lamp_trajectory,
+    occluder_trajectory,
 )
-from geoskill.simulation.motion import Displacement, Way, human_motion, robot_motion
-from geoskill.simulation.parts import place
+from geoskill.simulation.motion import PathSpec, ScriptedMotion, human_motion, robot_motion
 from geoskill.simulation.randomness import generator
-from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, as_png
+from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, encode_png
+from geoskill.simulation.renderer import Renderer, add_camera, camera_intrinsics, set_camera_pose
 from geoskill.simulation.roles import SceneRole
-from geoskill.simulation.sensor import compress, expose, exposure_course
-from geoskill.simulation.tasks.task import RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.sensor import compress, expose, exposure_drift
+from geoskill.simulation.shapes import set_body_pose
+from geoskill.simulation.tasks.task import PlanarPose, RolePart, Task, TaskScene
 
 WIDTH, HEIGHT = 640, 480
+
+Trajectory = Float64[np.ndarray, "frames 4 4"]
 
 
 @final
 @dataclass(frozen=True)
 class RecordingSettings:
-    """What a recording is made from; the same settings give the same recording.
+    """Settings of a recording; equal settings give equal recordings.
 
     Attributes:
-        task: what is done.
-        conditions: who does it, and under what conditions.
-        seed: of everything by which the things are recognized: prints and colors.
-        take: name of the recording; draws everything else, such as places, path and speed.
-        stride: only every so many frames are rendered, and the last one; all of them move the things.
+        task: the task to perform.
+        conditions: who performs it, and which difficulties there are.
+        seed: of the appearance of things: prints and colors.
+        episode: name of the recording, which seeds everything else, such as placements, path and speed.
+        stride: every ``stride``-th frame and the last one are rendered; things move on all of them.
 
     Raises:
         InputError: when ``seed`` is negative.
@@ -56,7 +60,7 @@ class RecordingSettings:
     task: Task
     conditions: Conditions
     seed: int
-    take: str
+    episode: str
     stride: int = 1
 
     def __post_init__(self) -> None:
@@ -70,133 +74,148 @@ def record(settings: RecordingSettings) -> Recording:
     """Render a recording.
 
     Raises:
-        InputError: where there is no OpenGL context.
+        InputError: when no OpenGL context is available.
     """
     conditions = settings.conditions
     hard = conditions.severity > 0
-    take = generator(settings.seed, settings.task.name, "take", settings.take)
-    frames = int(take.integers(80, 111))
+    # The strings only seed the generators; changing one changes every recording.
+    episode_rng = generator(settings.seed, settings.task.name, "take", settings.episode)
+    frames = int(episode_rng.integers(80, 111))
     spec = mujoco.MjSpec()
-    renderer.add_camera(spec, WIDTH, HEIGHT)
-    dark = 0.0 if not conditions.illumination else conditions.severity
-    room = settings.take if conditions.random_target else "usual"
+    add_camera(spec, WIDTH, HEIGHT)
+    darkness = 0.0 if not conditions.illumination else conditions.severity
+    room = settings.episode if conditions.random_target else "usual"
     add_table(spec, generator(settings.seed, "table", room))
-    add_light(spec, min(1.0, dark), generator(settings.seed, "light", settings.take))
+    add_light(spec, min(1.0, darkness), generator(settings.seed, "light", settings.episode))
     scene = settings.task.build(
         spec,
-        conditions.target_spread().around(TablePlace(0, 0, 0), take),
-        START_SPREAD.around(TablePlace(0, 0, 0), take),
+        conditions.target_range().sample_around(PlanarPose(0, 0, 0), episode_rng),
+        START_RANGE.sample_around(PlanarPose(0, 0, 0), episode_rng),
         generator(settings.seed, settings.task.name, "looks"),
-        take,
+        episode_rng,
     )
     actor: Actor = Hand() if conditions.actor == "human" else Gripper()
-    actor.add(spec, scene.grip, generator(settings.seed, "actor", settings.take))
-    lens = renderer.lens(WIDTH, HEIGHT)
-    camera = camera_course(conditions, frames, take)
-    way = Way(scene.start, scene.goal, scene.approach, scene.height)
+    actor.add(spec, scene.grip, generator(settings.seed, "actor", settings.episode))
+    intrinsics = camera_intrinsics(WIDTH, HEIGHT)
+    camera_poses = camera_trajectory(conditions, frames, episode_rng)
+    path = PathSpec(scene.start, scene.goal, scene.approach, scene.height)
     if conditions.outside_fov and hard and scene.cloth is None:
-        way = Way(scene.start, scene.goal, scene.approach, scene.height, _outside(lens, camera[0], conditions, way))
+        path = replace(path, detour=_outside(intrinsics, camera_poses[0], conditions, path))
     if conditions.actor == "human":
-        motion = human_motion(way, frames, conditions.confidence, take)
+        motion = human_motion(path, frames, conditions.confidence, episode_rng)
     else:
-        motion = robot_motion(way, frames)
-    courses: dict[str, Float64[np.ndarray, "frames 4 4"]] = {}
+        motion = robot_motion(path, frames)
+    trajectories: dict[str, Trajectory] = {}
     if conditions.occlusion and hard:
-        add_passer_by(spec, generator(settings.seed, "cover", settings.take))
-        courses[PASSER_BY] = _passing(conditions, camera, lens, scene, take)
-    if dark > 0:
-        courses["lamp"] = lamp_course(frames, take)
+        add_occluder(spec, generator(settings.seed, "cover", settings.episode))
+        trajectories[OCCLUDER] = _occluder(conditions, camera_poses, intrinsics, scene, episode_rng)
+    if darkness > 0:
+        trajectories[LAMP] = lamp_trajectory(frames, episode_rng)
     if conditions.outside_fov and hard and scene.cloth is not None:
-        camera = looking_aside(camera, conditions.severity)  # for a cloth that lies on the table cannot be carried away
-    return _play(spec, scene, actor, motion, camera, lens, courses, take, settings.stride)
+        camera_poses = pan_aside(camera_poses, conditions.severity)  # a cloth on the table cannot be carried away
+    script = _Script(motion, actor, intrinsics, camera_poses, trajectories)
+    return _play(spec, scene, script, episode_rng, settings.stride)
 
 
-def _outside(lens: PinholeCamera, camera: Pose, conditions: Conditions, way: Way) -> Float64[np.ndarray, "3"]:
-    """A place to the right of the picture, from which a thing of the usual size is not seen at all."""
-    view = PinholeCamera(lens.width, lens.height, lens.focal_px, camera)
-    pixels, depth = project(view, way.start[None, :3, 3] + np.array([0.0, 0.0, way.height]))
-    column = pixels[0, 0] + conditions.severity * (1.22 * lens.width - pixels[0, 0])
+@final
+@dataclass(frozen=True, eq=False)
+class _Script:
+    """Everything that moves in a recording, frame by frame."""
+
+    motion: ScriptedMotion
+    actor: Actor
+    intrinsics: PinholeCamera
+    camera_poses: Trajectory
+    trajectories: Mapping[str, Trajectory]
+
+
+def _outside(
+    intrinsics: PinholeCamera, camera_pose: Pose, conditions: Conditions, path: PathSpec
+) -> Float64[np.ndarray, "3"]:
+    """Return a point to the right of the image, far enough for an object of the usual size to be invisible there."""
+    view = replace(intrinsics, pose=camera_pose)
+    pixels, depth = project(view, path.start[None, :3, 3] + np.array([0.0, 0.0, path.height]))
+    column = pixels[0, 0] + conditions.severity * (1.22 * intrinsics.width - pixels[0, 0])
     return np.asarray(back_project(view, np.array([[column, pixels[0, 1]]]), depth)[0])
 
 
-def _passing(
+def _occluder(
     conditions: Conditions,
-    camera: Float64[np.ndarray, "frames 4 4"],
-    lens: PinholeCamera,
+    camera_poses: Trajectory,
+    intrinsics: PinholeCamera,
     scene: TaskScene,
-    take: np.random.Generator,
-) -> Float64[np.ndarray, "frames 4 4"]:
+    episode_rng: np.random.Generator,
+) -> Trajectory:
     corners = transform(scene.goal, scene.extent)
-    hidden = min(1.0, 0.72 * conditions.severity)
-    begin = take.uniform(0.05, 0.25)
-    return passing_course(camera, lens, corners, Passing(hidden, begin, begin + 0.62), -1.0)
+    coverage = min(1.0, 0.72 * conditions.severity)
+    begin = episode_rng.uniform(0.05, 0.25)
+    return occluder_trajectory(camera_poses, intrinsics, corners, Occlusion(coverage, begin, begin + 0.62), -1.0)
 
 
 def _play(
-    spec: mujoco.MjSpec,
-    scene: TaskScene,
-    actor: Actor,
-    motion: Displacement,
-    camera: Float64[np.ndarray, "frames 4 4"],
-    lens: PinholeCamera,
-    courses: dict[str, Float64[np.ndarray, "frames 4 4"]],
-    take: np.random.Generator,
-    stride: int,
+    spec: mujoco.MjSpec, scene: TaskScene, script: _Script, episode_rng: np.random.Generator, stride: int
 ) -> Recording:
+    """Move everything frame by frame, and render every ``stride``-th frame and the last one."""
     model = spec.compile()
     data = mujoco.MjData(model)
-    pictures, shown, depths, poses, vertices = [], [], [], [], []
-    exposures = exposure_course(len(camera), take)
-    rendered = sorted({*range(0, len(camera), stride), len(camera) - 1})
-    scene.carrying.start(model, data, motion.led[0])
-    with renderer.Renderer(model, lens.width, lens.height) as rendering:
-        for frame, matrix in enumerate(camera):
-            led = motion.led[frame]
-            renderer.place_camera(model, data, matrix)
-            actor.open(model, data, float(motion.opening[frame]))
-            place(model, data, ACTOR, led @ scene.grip.pose @ pose((0.0, float(motion.retreat[frame]), 0.0)))
-            for body, course in courses.items():
-                place(model, data, body, course[frame])
-            scene.carrying.lead(model, data, led, bool(motion.held[frame]), 1 / FRAME_RATE)
+    motion, intrinsics, camera_poses = script.motion, script.intrinsics, script.camera_poses
+    pictures, segmentations, depths, poses, vertices = [], [], [], [], []
+    exposures = exposure_drift(len(camera_poses), episode_rng)
+    rendered = sorted({*range(0, len(camera_poses), stride), len(camera_poses) - 1})
+    scene.dynamics.start(model, data, motion.object_poses[0])
+    with Renderer(model, intrinsics.width, intrinsics.height) as renderer:
+        for frame in range(len(camera_poses)):
+            _move(model, data, scene, script, frame)
             if frame not in rendered:
                 continue
-            pictures.append(compress(expose(rendering.picture(data), exposures[frame], take)))
-            shown.append(as_png((rendering.bodies(data) + 2).astype(np.uint8)))
-            depth = rendering.depth_m(data) / DEPTH_UNIT_M
-            depths.append(as_png(np.clip(depth + 0.5, 0, 65535).astype(np.uint16)))
-            poses.append(_poses(data))
+            pictures.append(compress(expose(renderer.picture(data), exposures[frame], episode_rng)))
+            segmentations.append(encode_png((renderer.body_ids(data) + 2).astype(np.uint8)))
+            depth = renderer.depth_m(data) / DEPTH_UNIT_M
+            depths.append(encode_png(np.clip(depth + 0.5, 0, 65535).astype(np.uint16)))
+            poses.append(_body_poses(data))
             if scene.cloth is not None:
                 vertices.append(data.flexvert_xpos.copy())
-    names = [model.body(number).name for number in range(model.nbody)]
     return Recording(
-        pictures,
-        shown,
-        depths,
-        names,
-        np.stack(poses),
-        lens,
-        camera[rendered],
-        (*scene.roles, *(RolePart(name, SceneRole.AGENT) for name in _parts(model, ACTOR))),
-        None if scene.cloth is None else _cloth(model, scene.cloth, np.stack(vertices)),
+        pictures=pictures,
+        segmentations=segmentations,
+        depths=depths,
+        bodies=[model.body(body_id).name for body_id in range(model.nbody)],
+        poses=np.stack(poses),
+        intrinsics=intrinsics,
+        camera_poses=camera_poses[rendered],
+        roles=(*scene.roles, *(RolePart(name, SceneRole.AGENT) for name in _attached_bodies(model, ACTOR))),
+        cloth=None if scene.cloth is None else _cloth(model, scene.cloth, np.stack(vertices)),
     )
 
 
+def _move(model: mujoco.MjModel, data: mujoco.MjData, scene: TaskScene, script: _Script, frame: int) -> None:
+    """Move the camera, the actor, the environment and the object to their poses of a frame."""
+    motion, object_pose = script.motion, script.motion.object_poses[frame]
+    set_camera_pose(model, data, script.camera_poses[frame])
+    script.actor.set_opening(model, data, float(motion.opening[frame]))
+    retreat = pose((0.0, float(motion.retreat_m[frame]), 0.0))
+    set_body_pose(model, data, ACTOR, object_pose @ scene.grip.pose @ retreat)
+    for body, trajectory in script.trajectories.items():
+        set_body_pose(model, data, body, trajectory[frame])
+    scene.dynamics.move(model, data, object_pose, bool(motion.held[frame]), 1 / FRAME_RATE)
+
+
 def _cloth(model: mujoco.MjModel, name: str, vertices: Float64[np.ndarray, "frames v 3"]) -> Cloth:
-    """The flexible part that belongs to the body of its name, which is where it lies flat at first."""
+    """Return the cloth, whose rest state is the model's initial state in the frame of the body of the same name."""
     flat = mujoco.MjData(model)
     mujoco.mj_forward(model, flat)
-    rest = transform(inverse(_poses(flat)[model.body(name).id]), flat.flexvert_xpos)
+    rest = transform(inverse(_body_poses(flat)[model.body(name).id]), flat.flexvert_xpos)
     return Cloth(name, rest, model.flex_elem.reshape(-1, 3).copy(), vertices)
 
 
-def _poses(data: mujoco.MjData) -> Float64[np.ndarray, "bodies 4 4"]:
+def _body_poses(data: mujoco.MjData) -> Float64[np.ndarray, "bodies 4 4"]:
     matrices = np.repeat(np.eye(4)[None], len(data.xpos), axis=0)
     matrices[:, :3, :3] = data.xmat.reshape(-1, 3, 3)
     matrices[:, :3, 3] = data.xpos
     return matrices
 
 
-def _parts(model: mujoco.MjModel, body: str) -> list[str]:
-    """A body and what is fastened to it."""
+def _attached_bodies(model: mujoco.MjModel, body: str) -> list[str]:
+    """Return the names of a body and of all bodies that are attached to it."""
     root = model.body(body).id
-    return [model.body(number).name for number in range(model.nbody) if model.body(number).rootid[0] == root]
+    return [model.body(body_id).name for body_id in range(model.nbody) if model.body(body_id).rootid[0] == root]

@@ -94,7 +94,7 @@ def test_a_simulated_recording_with_its_labels(rendered: list[RecordingSettings]
     assert labels.label((12.0, 15.0)) is Region.OBJECT
     assert found.recording is not None
     (settings,) = rendered
-    assert (settings.task.name, settings.seed, settings.take) == ("sorting", 7, "occlusion")
+    assert (settings.task.name, settings.seed, settings.episode) == ("sorting", 7, "occlusion")
     assert (settings.conditions.actor, settings.conditions.occlusion, settings.conditions.severity) == (
         "robot",
         True,
@@ -106,7 +106,7 @@ def test_several_takes_of_the_same_things(rendered: list[RecordingSettings]) -> 
     cfg = {"task": {**SORTING, "takes": 3}, "scenario": scenario(), "seed": 7}
     found = list(demonstrations(OmegaConf.create(cfg), store=None))
     assert [each.source.name for each in found] == [f"sorting, demonstration{number}" for number in ("", " 2", " 3")]
-    assert [(each.seed, each.take) for each in rendered] == [
+    assert [(each.seed, each.episode) for each in rendered] == [
         (7, "demonstration"),
         (7, "demonstration 2"),
         (7, "demonstration 3"),

@@ -6,7 +6,7 @@ import numpy as np
 from geoskill.evaluation.baseline import PAIRS, track_hand_picked_pairs
 from geoskill.geometry.camera import PinholeCamera
 from geoskill.geometry.poses import pose
-from geoskill.simulation.recording import Recording, as_png
+from geoskill.simulation.recording import Recording, encode_png
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks.task import RolePart
 
@@ -35,17 +35,17 @@ def recording(prints: tuple[np.ndarray, np.ndarray], blank: int | None = None, j
         if frame == blank:
             image[:] = 128
         pictures.append(cv2.imencode(".png", image[..., ::-1])[1].tobytes())
-        shown.append(as_png(number))
+        shown.append(encode_png(number))
         poses.append(matrices)
     above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
     return Recording(
         pictures=pictures,
-        shown=shown,
-        depths=[as_png(np.full((HEIGHT, WIDTH), 10000, np.uint16))] * FRAMES,
+        segmentations=shown,
+        depths=[encode_png(np.full((HEIGHT, WIDTH), 10000, np.uint16))] * FRAMES,
         bodies=BODIES,
         poses=np.array(poses),
-        lens=PinholeCamera(WIDTH, HEIGHT, FOCAL, np.eye(4)),
-        camera=np.repeat(above[None], FRAMES, axis=0),
+        intrinsics=PinholeCamera(WIDTH, HEIGHT, FOCAL, np.eye(4)),
+        camera_poses=np.repeat(above[None], FRAMES, axis=0),
         roles=(RolePart("box", SceneRole.OBJECT), RolePart("tile", SceneRole.TARGET)),
     )
 

@@ -25,9 +25,9 @@ def points(*places: tuple[float, float]) -> dict[NodeType, FeatureSet]:
 
 def moved(recording: Recording, meters: float) -> Recording:
     """The same seen from so far to the right."""
-    camera = recording.camera.copy()
+    camera = recording.camera_poses.copy()
     camera[:, 0, 3] += meters
-    return replace(recording, camera=camera)
+    return replace(recording, camera_poses=camera)
 
 
 def test_seen_from_the_same_place_all_that_meets_does(hand_made_recording: Recording) -> None:

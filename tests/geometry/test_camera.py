@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.geometry.camera import PinholeCamera, back_project, focal_length_px, looking_at, project
+from geoskill.geometry.camera import PinholeCamera, back_project, focal_length_px, look_at, project
 from geoskill.geometry.poses import pose, rotation_about
 
 SMALL = st.floats(-1, 1)
@@ -63,14 +63,14 @@ def test_the_focal_length_of_an_angle_of_view() -> None:
 
 def test_looking_at_something_by_hand() -> None:
     # From 1 m in front of the origin (at negative y): x is to the right, up is up.
-    camera = PinholeCamera(41, 31, 80.0, looking_at(np.array([0.0, -1.0, 0.0]), np.zeros(3)))
+    camera = PinholeCamera(41, 31, 80.0, look_at(np.array([0.0, -1.0, 0.0]), np.zeros(3)))
     pixels, depth = project(camera, np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0, 0.1], [0, 1, 0]]))
     np.testing.assert_allclose(pixels, [[20, 15], [28, 15], [20, 7], [20, 15]], atol=1e-12)
     np.testing.assert_allclose(depth, [1, 1, 1, 2])
 
 
 def test_a_camera_rolled_clockwise_shows_things_turned_counterclockwise() -> None:
-    camera = PinholeCamera(41, 31, 80.0, looking_at(np.array([0.0, -1.0, 0.0]), np.zeros(3), math.pi / 2))
+    camera = PinholeCamera(41, 31, 80.0, look_at(np.array([0.0, -1.0, 0.0]), np.zeros(3), math.pi / 2))
     pixels, _ = project(camera, np.array([[0.0, 0, 0.1], [0.1, 0, 0]]))
     np.testing.assert_allclose(pixels, [[12, 15], [20, 7]], atol=1e-12)  # what was up is left, what was right is up
 
@@ -83,7 +83,7 @@ def test_a_camera_rolled_clockwise_shows_things_turned_counterclockwise() -> Non
 def test_what_is_looked_at_is_in_the_middle_and_the_axes_are_right_handed(
     position: np.ndarray, target: np.ndarray, roll: float
 ) -> None:
-    matrix = looking_at(position, target, roll)
+    matrix = look_at(position, target, roll)
     np.testing.assert_allclose(matrix[:3, :3].T @ matrix[:3, :3], np.eye(3), atol=1e-12)
     assert np.linalg.det(matrix) == pytest.approx(1)
     camera = PinholeCamera(641, 481, 300.0, matrix)

@@ -1,4 +1,4 @@
-"""Recordings that several tests look at."""
+"""Recordings that several tests share."""
 
 from collections.abc import Callable
 from functools import cache
@@ -16,25 +16,25 @@ Recorded = Callable[..., Recording]
 
 
 @pytest.fixture(scope="session")
-def task_called() -> Callable[[str], Task]:
-    """``task_called("sorting")`` is the task."""
+def task_named() -> Callable[[str], Task]:
+    """Return a function from a task's name to the task."""
 
-    def find(name: str) -> Task:
+    def create(name: str) -> Task:
         task: Task = getattr(import_module(f"geoskill.simulation.tasks.{name}"), name.capitalize())()
         return task
 
-    return find
+    return create
 
 
 @pytest.fixture(scope="session")
-def recorded(opengl: None, task_called: Callable[[str], Task]) -> Recorded:
-    """``recorded("sorting", "human", seed=1)`` is every 32nd frame of that take, made once.
+def recorded(opengl: None, task_named: Callable[[str], Task]) -> Recorded:
+    """Return a cached function that renders every 32nd frame: ``recorded("sorting", "human", seed=1)``.
 
-    Further arguments are those of the conditions.
+    Its arguments are the task, the episode, the seed, the stride, the actor and further conditions.
     """
 
     @cache
-    def make(task: str, take: str, seed: int = 0, stride: int = 32, actor: str = "human", **hard: Any) -> Recording:
-        return record(RecordingSettings(task_called(task), Conditions(actor, **hard), seed, take, stride))
+    def render(task: str, episode: str, seed: int = 0, stride: int = 32, actor: str = "human", **difficulties: Any) -> Recording:
+        return record(RecordingSettings(task_named(task), Conditions(actor, **difficulties), seed, episode, stride))
 
-    return make
+    return render

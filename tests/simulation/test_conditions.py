@@ -10,13 +10,13 @@ from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, project
 from geoskill.geometry.poses import rotation_vector
 from geoskill.simulation.conditions import (
-    RANDOM_TARGET_SPREAD,
-    USUAL_SPREAD,
+    RANDOM_TARGET_RANGE,
+    USUAL_TARGET_RANGE,
     Conditions,
-    camera_course,
-    looking_aside,
+    camera_trajectory,
+    pan_aside,
 )
-from geoskill.simulation.tasks.task import Spread, TablePlace
+from geoskill.simulation.tasks.task import PlacementRange, PlanarPose
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def turn_deg(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def course(seed: int, severity: float = 1.0, moves: bool = True) -> np.ndarray:
-    return camera_course(Conditions("robot", move_camera=moves, severity=severity), 90, np.random.default_rng(seed))
+    return camera_trajectory(Conditions("robot", move_camera=moves, severity=severity), 90, np.random.default_rng(seed))
 
 
 def test_the_camera_is_at_rest_unless_it_is_to_move() -> None:
@@ -66,7 +66,7 @@ def test_the_camera_turns_by_20_to_40_degrees_and_is_displaced() -> None:
 
 def test_looking_aside_the_camera_pans_on_the_spot_and_comes_back() -> None:
     resting = course(0, moves=False)
-    aside = looking_aside(resting, 1.0)
+    aside = pan_aside(resting, 1.0)
     np.testing.assert_allclose(aside[[0, -1]], resting[[0, -1]], atol=1e-12)
     np.testing.assert_array_equal(aside[:, :3, 3], resting[:, :3, 3])
     farthest = aside[max(range(90), key=lambda frame: turn_deg(resting[0], aside[frame]))]
@@ -78,17 +78,17 @@ def test_looking_aside_the_camera_pans_on_the_spot_and_comes_back() -> None:
     assert column == pytest.approx(320)
     ((column, _),), _ = project(PinholeCamera(641, 481, 660.0, farthest), middle[None])
     assert column > 641
-    np.testing.assert_allclose(looking_aside(resting, 0.0), resting, atol=1e-12)
+    np.testing.assert_allclose(pan_aside(resting, 0.0), resting, atol=1e-12)
 
 
 def test_how_far_places_lie_apart() -> None:
-    assert Conditions("robot").target_spread() == USUAL_SPREAD
-    assert Conditions("robot", random_target=True).target_spread() == RANDOM_TARGET_SPREAD
-    wide, half = RANDOM_TARGET_SPREAD, Conditions("robot", random_target=True, severity=0.5).target_spread()
+    assert Conditions("robot").target_range() == USUAL_TARGET_RANGE
+    assert Conditions("robot", random_target=True).target_range() == RANDOM_TARGET_RANGE
+    wide, half = RANDOM_TARGET_RANGE, Conditions("robot", random_target=True, severity=0.5).target_range()
     assert (half.x, half.y, half.yaw_rad) == (wide.x / 2, wide.y / 2, wide.yaw_rad / 2)
-    assert wide.x > 3 * USUAL_SPREAD.x
+    assert wide.x > 3 * USUAL_TARGET_RANGE.x
     generator = np.random.default_rng(0)
-    places = [Spread(0.1, 0.2, 0.3).around(TablePlace(1.0, 2.0, 3.0), generator) for _ in range(300)]
+    places = [PlacementRange(0.1, 0.2, 0.3).around(PlanarPose(1.0, 2.0, 3.0), generator) for _ in range(300)]
     rows = np.array([(place.x - 1, place.y - 2, place.yaw_rad - 3) for place in places])
     assert np.all(np.abs(rows) <= [0.1, 0.2, 0.3])
     np.testing.assert_allclose(np.abs(rows).max(axis=0), [0.1, 0.2, 0.3], rtol=0.05)

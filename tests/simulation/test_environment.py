@@ -7,14 +7,14 @@ import pytest
 from geoskill.geometry.camera import PinholeCamera, project
 from geoskill.geometry.poses import pose, transform
 from geoskill.simulation.environment import (
-    HALF_COVER,
-    PASSING_AT,
-    Passing,
+    OCCLUDER_HALF_SIZE,
+    OCCLUDER_DEPTH_RATIO,
+    Occlusion,
     add_light,
-    add_passer_by,
+    add_occluder,
     add_table,
-    lamp_course,
-    passing_course,
+    lamp_trajectory,
+    occluder_trajectory,
 )
 
 # Looking down from 1 m; on the table a pixel is 2 mm wide.
@@ -27,15 +27,15 @@ OUTLINE = np.array([[x, y, 0.0] for x in (-0.05, 0.05) for y in (-0.05, 0.05)])
 @pytest.mark.parametrize(("side", "covered_to"), [(-1.0, 295 + 0.8 * 50), (1.0, 345 - 0.8 * 50)])
 def test_what_passes_covers_as_much_as_it_is_to(side: float, covered_to: float) -> None:
     frames = 101
-    course = passing_course(
-        np.repeat(ABOVE[None], frames, axis=0), LENS, OUTLINE, Passing(hidden=0.8, begin=0.2, end=0.8), side
+    course = occluder_trajectory(
+        np.repeat(ABOVE[None], frames, axis=0), LENS, OUTLINE, Occlusion(hidden=0.8, begin=0.2, end=0.8), side
     )
     view = PinholeCamera(641, 481, 500.0, ABOVE)
-    edges = np.stack([transform(matrix, np.array([[-side * HALF_COVER, 0.0, 0.0]]))[0] for matrix in course])
+    edges = np.stack([transform(matrix, np.array([[-side * OCCLUDER_HALF_SIZE, 0.0, 0.0]]))[0] for matrix in course])
     pixels, depth = project(view, edges)
-    np.testing.assert_allclose(depth, PASSING_AT)
+    np.testing.assert_allclose(depth, OCCLUDER_DEPTH_RATIO)
     # From the left, what is left of its near edge is hidden, down to the whole height of the picture.
-    half_height_px = HALF_COVER * 500 / PASSING_AT
+    half_height_px = OCCLUDER_HALF_SIZE * 500 / OCCLUDER_DEPTH_RATIO
     assert half_height_px > 481 / 2
     assert pixels[50, 0] == pytest.approx(covered_to)
     away = pixels[[0, 20, 80, 100], 0]
@@ -49,11 +49,11 @@ def test_what_passes_covers_as_much_as_it_is_to(side: float, covered_to: float) 
 
 
 def test_it_follows_a_camera_that_moves() -> None:
-    course = passing_course(
-        np.stack([ABOVE, pose((0.1, 0.0, 0.0)) @ ABOVE]), LENS, OUTLINE, Passing(1.0, -1.0, 3.0), -1.0
+    course = occluder_trajectory(
+        np.stack([ABOVE, pose((0.1, 0.0, 0.0)) @ ABOVE]), LENS, OUTLINE, Occlusion(1.0, -1.0, 3.0), -1.0
     )
     for number, matrix in enumerate((ABOVE, pose((0.1, 0.0, 0.0)) @ ABOVE)):
-        edge = transform(course[number], np.array([[HALF_COVER, 0.0, 0.0]]))
+        edge = transform(course[number], np.array([[OCCLUDER_HALF_SIZE, 0.0, 0.0]]))
         outline, _ = project(PinholeCamera(641, 481, 500.0, matrix), OUTLINE)
         pixels, _ = project(PinholeCamera(641, 481, 500.0, matrix), edge)
         assert pixels[0, 0] == pytest.approx(outline[:, 0].max())  # all is covered
@@ -61,7 +61,7 @@ def test_it_follows_a_camera_that_moves() -> None:
 
 def test_the_lamp_goes_most_of_the_way_round_over_the_table() -> None:
     for seed in range(20):
-        places = lamp_course(90, np.random.default_rng(seed))[:, :3, 3]
+        places = lamp_trajectory(90, np.random.default_rng(seed))[:, :3, 3]
         assert np.ptp(places[:, 2]) == 0
         assert 0.3 < places[0, 2] < 1
         radius = np.linalg.norm(places[:, :2], axis=1)
@@ -87,7 +87,7 @@ def test_table_and_folder() -> None:
     for seed in (0, 0, 1):
         spec = mujoco.MjSpec()
         add_table(spec, np.random.default_rng(seed))
-        add_passer_by(spec, np.random.default_rng(seed))
+        add_occluder(spec, np.random.default_rng(seed))
         model = spec.compile()
         geom = model.body("table").geomadr[0]
         assert model.geom_pos[geom, 2] + model.geom_size[geom, 2] == pytest.approx(0)

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels, rest_places, role_of
+from geoskill.simulation.ground_truth import FrameGroundTruth, SurfacePoint, goal_pixel_m, goal_pixels, rest_positions, role_of
 from geoskill.simulation.recording import Cloth, Recording
 from geoskill.simulation.roles import SceneRole
 
 
 def test_bodies_roles_and_places_by_hand(hand_made_recording: Recording) -> None:
     pixels = [(14, 13), (20, 15), (27, 12), (40, 0), (-1, 5), (41, 5), (5, 31), (11, 9)]
-    found = FrameTruth(hand_made_recording, 0).surface(np.array(pixels))
+    found = FrameGroundTruth(hand_made_recording, 0).surface(np.array(pixels))
     # On the box a pixel is 1 cm wide, on the tile and the table 1.25 cm, on the finger 0.75 / 80 m; up is y.
     expected = [
         ("box", SceneRole.OBJECT, (0.02, 0.02, 0)),
@@ -35,17 +35,17 @@ def test_bodies_roles_and_places_by_hand(hand_made_recording: Recording) -> None
 
 
 def test_the_same_point_of_a_body_is_found_where_it_has_gone(hand_made_recording: Recording) -> None:
-    (before,) = FrameTruth(hand_made_recording, 0).surface(np.array([[14, 13]]))
+    (before,) = FrameGroundTruth(hand_made_recording, 0).surface(np.array([[14, 13]]))
     assert before is not None
     # The box's far right corner becomes its far left one.
     np.testing.assert_allclose(goal_pixels(hand_made_recording, [before]), [[28, 13]], atol=1e-4)
-    (after,) = FrameTruth(hand_made_recording, 1).surface(np.array([[28, 13]]))
+    (after,) = FrameGroundTruth(hand_made_recording, 1).surface(np.array([[28, 13]]))
     assert after is not None
     np.testing.assert_allclose(after.place, before.place, atol=1e-6)
 
 
 def test_no_pixels_and_no_points(hand_made_recording: Recording) -> None:
-    assert FrameTruth(hand_made_recording, 0).surface(np.zeros((0, 2), np.int64)) == []
+    assert FrameGroundTruth(hand_made_recording, 0).surface(np.zeros((0, 2), np.int64)) == []
     assert goal_pixels(hand_made_recording, []).shape == (0, 2)
 
 
@@ -70,7 +70,7 @@ def test_both_layers_of_a_folded_cloth_by_hand(folded_cloth: Recording) -> None:
     # A quarter of the way each to the near left and the far right corner, half to the lifted one, is 2 cm up. Below it
     # lies the mirror image.
     above, below = np.array([[0.075, 0.025, 0.02], [0.075, 0.025, 0.0]])
-    found = rest_places(cloth_of(folded_cloth), 1, np.stack([above, below, above + np.array([0, 0, 0.002])]))
+    found = rest_positions(cloth_of(folded_cloth), 1, np.stack([above, below, above + np.array([0, 0, 0.002])]))
     np.testing.assert_allclose(found[:2], [[0.025, 0.075, 0], [0.075, 0.025, 0]], atol=1e-12)
     np.testing.assert_allclose(found[2], found[0], atol=1e-3)  # a depth that is not quite right
 
@@ -85,7 +85,7 @@ def test_points_of_a_cloth_keep_their_rest_places(
     cloth = cloth_of(folded_cloth)
     corners = cloth.triangles[triangle]
     there = weights @ cloth.vertices[1][corners]
-    np.testing.assert_allclose(rest_places(cloth, 1, there[None]), (weights @ cloth.rest[corners])[None], atol=1e-9)
+    np.testing.assert_allclose(rest_positions(cloth, 1, there[None]), (weights @ cloth.rest[corners])[None], atol=1e-9)
     back = goal_pixels(folded_cloth, [SurfacePoint("cloth", None, weights @ cloth.rest[corners])])
     expected = [20 + 80 * there[0] / (1 - there[2]), 15 - 80 * there[1] / (1 - there[2])]
     np.testing.assert_allclose(back, [expected], atol=1e-6)

@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geoskill.geometry.poses import rotation_about, rotation_vector, table_pose
-from geoskill.simulation.motion import HOLD, Displacement, Way, human_motion, minimum_jerk, robot_motion
+from geoskill.simulation.motion import HOLD, ScriptedMotion, PathSpec, human_motion, minimum_jerk, robot_motion
 
 START, GOAL = table_pose(0.2, -0.1, 0.4, 0.02), table_pose(-0.1, 0.05, -0.6, 0.03)
-WAY = Way(START, GOAL, approach=np.array([0.0, 0.0, 0.05]), height=0.08)
+WAY = PathSpec(START, GOAL, approach=np.array([0.0, 0.0, 0.05]), height=0.08)
 FRAMES = range(80, 111)  # of which a recording draws one
 
 
-def human(seed: int = 0, frames: int = 90, confidence: float = 0.93) -> Displacement:
+def human(seed: int = 0, frames: int = 90, confidence: float = 0.93) -> ScriptedMotion:
     return human_motion(WAY, frames, confidence, np.random.default_rng(seed))
 
 
-def length_m(motion: Displacement) -> float:
+def length_m(motion: ScriptedMotion) -> float:
     return float(np.linalg.norm(np.diff(motion.led[:, :3, 3], axis=0), axis=1).sum())
 
 
@@ -98,7 +98,7 @@ def test_less_confidence_makes_a_longer_way() -> None:
 
 
 def test_a_hand_trembles_and_a_robot_does_not() -> None:
-    def roughness(motion: Displacement) -> float:
+    def roughness(motion: ScriptedMotion) -> float:
         carried = motion.led[8:60, :3, 3]
         return float(np.linalg.norm(np.diff(carried, n=3, axis=0), axis=1).mean())
 
@@ -108,7 +108,7 @@ def test_a_hand_trembles_and_a_robot_does_not() -> None:
 @given(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.1, 0.4)), st.sampled_from(FRAMES))
 def test_a_detour_is_passed(detour: tuple[float, float, float], frames: int) -> None:
     place = np.array(detour)
-    motion = robot_motion(Way(START, GOAL, WAY.approach, WAY.height, place), frames)
+    motion = robot_motion(PathSpec(START, GOAL, WAY.approach, WAY.height, place), frames)
     np.testing.assert_allclose(motion.led[0], START, atol=1e-9)
     np.testing.assert_allclose(motion.led[-1], GOAL, atol=1e-9)
     assert np.linalg.norm(motion.led[:, :3, 3] - place, axis=1).min() < 0.02
@@ -117,6 +117,6 @@ def test_a_detour_is_passed(detour: tuple[float, float, float], frames: int) -> 
 def test_the_longer_way_round_is_not_taken() -> None:
     start = table_pose(0.2, 0, math.radians(170), 0.02)
     goal = table_pose(-0.1, 0, math.radians(-170), 0.02)
-    led = robot_motion(Way(start, goal, WAY.approach, WAY.height), 90).led
+    led = robot_motion(PathSpec(start, goal, WAY.approach, WAY.height), 90).led
     half = rotation_about(np.array([0, 0, math.pi]))
     assert max(np.linalg.norm(rotation_vector(half.T @ turn[:3, :3])) for turn in led) < math.radians(10.1)

@@ -46,7 +46,7 @@ def test_arrays_of_something_else_do_not_unpack(hand_made_recording: Recording) 
 
 def test_pixels_by_hand(hand_made_recording: Recording) -> None:
     assert len(hand_made_recording) == 2
-    numbers, depth = hand_made_recording.body_numbers(0), hand_made_recording.depth_m(0)
+    numbers, depth = hand_made_recording.body_ids(0), hand_made_recording.depth_m(0)
     names = [hand_made_recording.bodies[numbers[row, column]] for row, column in ((0, 0), (15, 12), (18, 33), (9, 11))]
     assert names == ["table", "box", "tile", "finger"]
     assert numbers[0, 40] == -2
@@ -57,7 +57,7 @@ def test_pixels_by_hand(hand_made_recording: Recording) -> None:
 
 
 def test_a_cloth_has_number_minus_one(folded_cloth: Recording) -> None:
-    numbers = folded_cloth.body_numbers(1)
+    numbers = folded_cloth.body_ids(1)
     assert sorted(set(numbers.ravel().tolist())) == [-2, -1]
     assert (numbers == -1).sum() == 81
 
@@ -69,7 +69,7 @@ def test_png_loses_nothing(kind: type, hand_made_recording: Recording) -> None:
         found = replace(hand_made_recording, depths=[as_png(image)]).depth_m(0)
         np.testing.assert_allclose(found, image * 1e-4, rtol=1e-6)
     else:
-        found = replace(hand_made_recording, shown=[as_png(image)]).body_numbers(0)
+        found = replace(hand_made_recording, shown=[as_png(image)]).body_ids(0)
         np.testing.assert_array_equal(found, image.astype(int) - 2)
 
 

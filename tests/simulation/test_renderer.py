@@ -13,8 +13,8 @@ import geoskill
 from geoskill.errors import InputError
 from geoskill.geometry.camera import project
 from geoskill.geometry.poses import pose
-from geoskill.simulation.parts import add_box
-from geoskill.simulation.renderer import SYSTEM_PACKAGES, VERTICAL_VIEW_DEG, Renderer, add_camera, lens, place_camera
+from geoskill.simulation.shapes import add_box
+from geoskill.simulation.renderer import SYSTEM_PACKAGES, VERTICAL_VIEW_DEG, Renderer, add_camera, lens, set_camera_pose
 
 WIDTH, HEIGHT = 161, 121
 # Looking down from 1 m, the world's x to the right.
@@ -75,7 +75,7 @@ def test_the_lens_sees_its_angle_from_top_to_bottom() -> None:
 def test_bodies_depths_and_colors_are_where_the_camera_model_says() -> None:
     model = slab()
     data = mujoco.MjData(model)
-    place_camera(model, data, ABOVE)
+    set_camera_pose(model, data, ABOVE)
     mujoco.mj_forward(model, data)
     with Renderer(model, WIDTH, HEIGHT) as rendering:
         numbers, depth, picture = rendering.bodies(data), rendering.depth_m(data), rendering.picture(data)

@@ -12,7 +12,7 @@ import pytest
 from geoskill.geometry.camera import back_project, project
 from geoskill.geometry.poses import inverse, rotation_vector, transform
 from geoskill.simulation.conditions import Conditions
-from geoskill.simulation.ground_truth import FrameTruth
+from geoskill.simulation.ground_truth import FrameGroundTruth
 from geoskill.simulation.recording import Cloth, Recording, pack
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.scene import HEIGHT, WIDTH, RecordingSettings, record
@@ -58,12 +58,12 @@ def cloth_of(recording: Recording) -> Cloth:
 def shown_pixels(recording: Recording, frame: int, role: SceneRole, every: int = 5) -> int:
     """How many pixels of a coarse grid show something of a role."""
     rows, columns = np.mgrid[:HEIGHT:every, :WIDTH:every].reshape(2, -1)
-    numbers = recording.body_numbers(frame)[rows, columns]
+    numbers = recording.body_ids(frame)[rows, columns]
     bodies = [part.body for part in recording.roles if part.role is role]
     own = np.isin(numbers, [recording.bodies.index(body) for body in bodies])
     if recording.cloth is not None and recording.cloth.name in bodies:  # a part of it
         own = numbers == -1
-    found = FrameTruth(recording, frame).surface(np.column_stack([columns, rows])[own])
+    found = FrameGroundTruth(recording, frame).surface(np.column_stack([columns, rows])[own])
     return sum(point is not None and point.role is role for point in found)
 
 
@@ -73,7 +73,7 @@ def test_size_bodies_and_roles(recorded: Recorded, task: str) -> None:
     assert 4 <= len(recording) <= 5  # every 32nd frame of 80 to 110, and the last
     assert len(recording.shown) == len(recording.depths) == len(recording.poses) == len(recording.camera)
     assert recording.picture(0).shape == (HEIGHT, WIDTH, 3)
-    assert recording.body_numbers(0).shape == recording.depth_m(0).shape == (HEIGHT, WIDTH)
+    assert recording.body_ids(0).shape == recording.depth_m(0).shape == (HEIGHT, WIDTH)
     assert {part.role for part in recording.roles} == set(SceneRole)
     assert all(part.body in recording.bodies for part in recording.roles)
     # All three are well seen at the start.
@@ -87,9 +87,9 @@ def test_known_points_are_found_where_they_are_projected(recorded: Recorded, tas
         there = transform(pose_of(recording, body, 0), np.array([place]))
         pixels, depth = project(recording.view(0), there)
         column, row = np.round(pixels[0]).astype(int)
-        assert recording.bodies[recording.body_numbers(0)[row, column]] == body
+        assert recording.bodies[recording.body_ids(0)[row, column]] == body
         assert recording.depth_m(0)[row, column] == pytest.approx(depth[0], abs=2 * MILLIMETRE)
-        (point,) = FrameTruth(recording, 0).surface(np.array([[column, row]]))
+        (point,) = FrameGroundTruth(recording, 0).surface(np.array([[column, row]]))
         assert point is not None
         # Half a pixel is about half a millimeter wide, and on the slant a little more.
         np.testing.assert_allclose(point.place, place, atol=2 * MILLIMETRE)
@@ -99,7 +99,7 @@ def test_the_table_is_a_plane_for_a_camera_that_moves(recorded: Recorded) -> Non
     recording = recorded("sorting", "move_camera", actor="robot", move_camera=True)
     table = recording.bodies.index("table")
     for frame in range(len(recording)):
-        mask = recording.body_numbers(frame) == table
+        mask = recording.body_ids(frame) == table
         assert mask.sum() > 0.3 * mask.size
         heights = world_points(recording, frame, mask)[:, 2]
         # A pixel at the edge of a thing can have the depth of the one and the number of the other.
@@ -109,7 +109,7 @@ def test_the_table_is_a_plane_for_a_camera_that_moves(recorded: Recorded) -> Non
 def test_the_boxs_faces_are_where_its_pose_says_on_all_frames(recorded: Recorded) -> None:
     recording = recorded("sorting", "demonstration")
     for frame in range(len(recording)):
-        mask = recording.body_numbers(frame) == recording.bodies.index("box")
+        mask = recording.body_ids(frame) == recording.bodies.index("box")
         places = transform(inverse(pose_of(recording, "box", frame)), world_points(recording, frame, mask))
         apart = np.abs(places) - sorting.HALF_BOX
         # Inside the box within the thickness of a print, and on one of its faces.
@@ -126,9 +126,9 @@ def test_the_vertices_of_the_cloth_are_seen_where_they_are(recorded: Recorded) -
     mark &= np.abs(cloth.rest[:, 1]) < 0.99 * folding.HALF[1]
     pixels, depth = project(recording.view(0), cloth.vertices[0][mark])
     columns, rows = np.round(pixels).astype(int).T
-    assert np.all(recording.body_numbers(0)[rows, columns] == -1)
+    assert np.all(recording.body_ids(0)[rows, columns] == -1)
     np.testing.assert_allclose(recording.depth_m(0)[rows, columns], depth, atol=2 * MILLIMETRE)
-    found = FrameTruth(recording, 0).surface(np.column_stack([columns, rows]))
+    found = FrameGroundTruth(recording, 0).surface(np.column_stack([columns, rows]))
     for point, place in zip(found, cloth.rest[mark], strict=True):
         assert point is not None
         np.testing.assert_allclose(point.place, place, atol=2 * MILLIMETRE)
@@ -138,7 +138,7 @@ def test_the_vertices_of_the_cloth_are_seen_where_they_are(recorded: Recorded) -
 @pytest.mark.parametrize("task", RIGID)
 def test_the_object_comes_from_elsewhere_and_reaches_the_goal(recorded: Recorded, task: str, actor: str) -> None:
     take = "demonstration" if actor == "human" else "robot"
-    recording = recorded(task, take, actor=actor)
+    recording = recorded(task, episode_rng, actor=actor)
     object_name, target = (
         next(part.body for part in recording.roles if part.role is role)
         for role in (SceneRole.OBJECT, SceneRole.TARGET)
@@ -194,11 +194,11 @@ def test_another_take_shows_the_same_things_elsewhere(recorded: Recorded) -> Non
     def tiles(recording: Recording) -> np.ndarray:
         """The mean color of each tile, from the back left one on, which light and view change but little."""
         names = [name for name in recording.bodies if name == "tile" or name.startswith("distractor")]
-        masks = [recording.body_numbers(0) == recording.bodies.index(name) for name in names]
+        masks = [recording.body_ids(0) == recording.bodies.index(name) for name in names]
         return np.array([recording.picture(0)[mask].mean(axis=0) for mask in masks])
 
     assert np.abs(tiles(first) - tiles(other)).max() < 15
-    assert np.abs(tiles(first) - tiles(looks)).max() > 30
+    assert np.abs(tiles(first) - tiles(appearance_rng)).max() > 30
 
 
 def test_frames_left_out_move_things_all_the_same(
@@ -290,9 +290,9 @@ def test_random_targets_lie_farther_apart_on_other_tables(recorded: Recorded) ->
     )
     spreads = [
         np.ptp([pose_of(recording, "tray", 0)[:2, 3] for recording in recordings], axis=0).max()
-        for recordings in (usual, random)
+        for recordings in (usual, rng)
     ]
     assert spreads[1] > 2 * spreads[0]
-    for ordinary, elsewhere in zip(usual, random, strict=True):
-        tables = [rec.picture(0)[rec.body_numbers(0) == rec.bodies.index("table")] for rec in (ordinary, elsewhere)]
+    for ordinary, elsewhere in zip(usual, rng, strict=True):
+        tables = [rec.picture(0)[rec.body_ids(0) == rec.bodies.index("table")] for rec in (ordinary, elsewhere)]
         assert abs(tables[0].mean() - tables[1].mean()) + abs(tables[0].std() - tables[1].std()) > 2

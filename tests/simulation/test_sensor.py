@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from geoskill.simulation.sensor import compress, expose, exposure_course
+from geoskill.simulation.sensor import compress, expose, exposure_drift
 
 
 def flat(level: int) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_edges_are_a_little_blurred() -> None:
 
 def test_the_exposure_drifts_slowly_by_a_few_percent() -> None:
     for seed in range(20):
-        exposures = exposure_course(90, np.random.default_rng(seed))
+        exposures = exposure_drift(90, np.random.default_rng(seed))
         assert len(exposures) == 90
         assert np.all(np.abs(exposures - 1) <= 0.025)
         assert np.abs(np.diff(exposures)).max() < 0.004

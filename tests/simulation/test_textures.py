@@ -1,4 +1,4 @@
-"""Surfaces drawn at random."""
+"""Surfaces drawn at rng."""
 
 from collections.abc import Callable
 from functools import partial

@@ -1,1 +1,1 @@
-"""Who moves the object: a person's hand or a robot's gripper."""
+"""Actors that move the object: a person's hand or a robot's gripper."""

@@ -1,4 +1,4 @@
-"""What every actor offers."""
+"""Interface of the actors."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from geoskill.geometry.poses import Pose
-from geoskill.simulation.parts import moving_body
+from geoskill.simulation.shapes import add_mocap_body
 
 BODY = "actor"
 
@@ -16,12 +16,12 @@ BODY = "actor"
 @final
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """How a thing is held.
+    """How an object is held.
 
     Attributes:
-        pose: of the grip in the thing's frame. The fingers close along the grip's x axis on its origin; the arm comes
-            from its y axis, and its z axis is the way up.
-        half_width_m: half of the distance of the fingers.
+        pose: of the grip in the object's frame. The fingers close along the grip's x axis on its origin; the arm comes
+            from the direction of its y axis, and its z axis points up.
+        half_width_m: half of the distance between the closed fingers.
     """
 
     pose: Pose
@@ -29,17 +29,17 @@ class Grip:
 
 
 class Actor(ABC):
-    """Fingers on an arm, drawn in the frame of the grip."""
+    """Fingers on an arm, modeled in the frame of the grip."""
 
     @abstractmethod
-    def add(self, spec: mujoco.MjSpec, grip: Grip, looks: np.random.Generator) -> None:
-        """Add the actor to a scene, its body named :data:`BODY`; its parts are added by `looks` in their colors."""
+    def add(self, spec: mujoco.MjSpec, grip: Grip, appearance_rng: np.random.Generator) -> None:
+        """Add the actor to a scene, under a root body named :data:`BODY`; ``appearance_rng`` draws its colors."""
 
     @abstractmethod
-    def open(self, model: mujoco.MjModel, data: mujoco.MjData, opening: float) -> None:
-        """Move the fingers: 0 closed on the thing, 1 open."""
+    def set_opening(self, model: mujoco.MjModel, data: mujoco.MjData, opening: float) -> None:
+        """Move the fingers: 0 is closed on the object, 1 is open."""
 
 
 def add_root(spec: mujoco.MjSpec) -> mujoco.MjsBody:
-    """The actor's body, whose frame is that of the grip."""
-    return moving_body(spec, BODY)
+    """Add the actor's root body, whose frame is that of the grip."""
+    return add_mocap_body(spec, BODY)

@@ -1,1 +1,1 @@
-"""The four tasks of the paper: what lies on the table, and where the object belongs."""
+"""The four tasks of the paper, one file each, named like the task."""

@@ -1,7 +1,7 @@
-"""A flexible sheet on the table, and how its edge is led.
+"""A flexible sheet on the table, whose edge is moved.
 
-The sheet is a MuJoCo flex: a grid of vertices that are pulled by their neighbors when the sheet is stretched or bent.
-Nothing in a scene collides, so what the sheet lies on is left to this module: the table, and its own lower layer.
+The sheet is a MuJoCo flex: a grid of vertices with elastic resistance to stretching and bending. Since nothing in a
+scene collides, this module itself handles the contact of the sheet with the table and with its own lower layer.
 """
 
 import math
@@ -13,45 +13,47 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int
 
 from geoskill.geometry.poses import Pose, inverse, quaternion, transform
-from geoskill.simulation.tasks.task import Carrying
+from geoskill.simulation.tasks.task import ObjectDynamics
 
 COLUMNS, ROWS = 17, 11
-# Half of what is drawn as the sheet's thickness.
+# Half of the drawn thickness of the sheet.
 RADIUS = 0.0008
 MASS_KG = 0.03
-# As stiff as a tea towel in bending. In stretching a real one is far stiffer, which would need far smaller steps.
+# As stiff as a tea towel in bending. A real one is far stiffer in stretching, which would need far smaller time steps.
 YOUNG_PA, POISSON, ELASTIC_THICKNESS = 3000.0, 0.3, 0.006
 STEP_S = 0.001
-# Of the air, per second.
+# Air drag, per second.
 DRAG = 8.0
 FRICTION, GRAVITY = 0.9, 9.81
-# Between the layers of the folded sheet; more than they are thick, so that it is clear which one is seen.
+# Distance between the layers of the folded sheet, larger than their thickness, so that the depth tells them apart; and
+# the length beside the crease over which the upper layer rises to it.
 LAYER, LAYER_RISES_OVER = 0.003, 0.02
 SETTLING_S = 0.8
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Sheet(Carrying):
-    """A sheet of which one end is folded over onto the other.
+class Sheet(ObjectDynamics):
+    """A sheet whose one end is folded over onto the other.
 
-    In its own frame the sheet lies flat at z = 0 around the origin, and what is led is a pose on its edge at +x, with
-    the edge along the pose's y axis. The edge turns about that axis by more than the pose does, as between fingers.
+    In its own frame the sheet lies flat at z = 0 around the origin. The object's pose is one on the sheet's edge at +x,
+    with the edge along the pose's y axis. About that axis the edge turns by more than the pose does, as cloth does
+    between fingers.
 
     Attributes:
-        name: of the flex, and of the body that it belongs to.
-        placed: pose of the sheet's frame in the world.
-        half: half sizes along x and y, meters.
-        fixed: up to this x the sheet stays where it is.
+        name: of the flex, and of the body to which it belongs.
+        sheet_pose: pose of the sheet's frame in the world.
+        half_size: half sizes along x and y, meters.
+        fixed: the x up to which the sheet does not move.
         crease: the x of the fold; what is beyond comes to lie on what is before.
-        pinched: from which to which y the edge is held.
-        rolls: of the led pose about the sheet's y axis, falling from the start to the goal, radians.
-        slopes: how steeply the sheet rises toward its edge at each of these; half a turn when it lies upside down.
+        pinched: lowest and highest y of the part of the edge that is held.
+        rolls: of the object's pose about the sheet's y axis, decreasing from the start to the goal, radians.
+        slopes: of the sheet toward its edge at each roll, radians; pi when it lies upside down.
     """
 
     name: str
-    placed: Pose
-    half: tuple[float, float]
+    sheet_pose: Pose
+    half_size: tuple[float, float]
     fixed: float
     crease: float
     pinched: tuple[float, float]
@@ -59,32 +61,21 @@ class Sheet(Carrying):
     slopes: tuple[float, ...]
 
     def add(self, spec: mujoco.MjSpec, material: str) -> None:
-        """Add the sheet to a scene."""
+        """Add the sheet to a scene, and set the scene's time step."""
         spec.option.timestep = STEP_S
-        body = spec.worldbody.add_body(name=self.name, pos=self.placed[:3, 3], quat=quaternion(self.placed[:3, :3]))
+        sheet_pose = self.sheet_pose
+        body = spec.worldbody.add_body(name=self.name, pos=sheet_pose[:3, 3], quat=quaternion(sheet_pose[:3, :3]))
         rest = self._rest()
-        mass = MASS_KG / len(rest)
-        owners, places = [], []
-        for number, (place, moves) in enumerate(zip(rest, self._moves(), strict=True)):
-            if not moves:
-                owners.append(self.name)
-                places.extend(place)
-                continue
-            vertex = body.add_body(
-                name=f"{self.name}_{number}", pos=place, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
-            )
-            for axis in np.eye(3):
-                vertex.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-            owners.append(vertex.name)
-            places.extend((0.0, 0.0, 0.0))
+        owners, coordinates = self._add_vertices(body, rest)
         spec.add_flex(
             name=self.name,
             dim=2,
             radius=RADIUS,
             vertbody=owners,
-            vert=places,
+            vert=coordinates,
             elem=_triangles().ravel().tolist(),
-            texcoord=(0.5 + rest[:, :2] / (2 * self.half[0], -2 * self.half[1])).ravel().tolist(),  # rows go down
+            # Texture rows go down.
+            texcoord=(0.5 + rest[:, :2] / (2 * self.half_size[0], -2 * self.half_size[1])).ravel().tolist(),
             material=[material],
             elastic2d=3,  # bending and stretching
             young=YOUNG_PA,
@@ -95,12 +86,36 @@ class Sheet(Carrying):
             selfcollide=mujoco.mjtFlexSelf.mjFLEXSELF_NONE,
         )
 
-    def start(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose) -> None:
-        """See :meth:`Carrying.start`."""
-        self.lead(model, data, led, True, SETTLING_S)
+    def _add_vertices(
+        self, body: mujoco.MjsBody, rest: Float64[np.ndarray, "vertices 3"]
+    ) -> tuple[list[str], list[float]]:
+        """Add a body with three sliding joints per moving vertex.
 
-    def lead(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose, held: bool, seconds: float) -> None:
-        """See :meth:`Carrying.lead`."""
+        Returns:
+            The body of each vertex, and the vertices' coordinates in these bodies, three per vertex.
+        """
+        mass = MASS_KG / len(rest)
+        owners, coordinates = [], []
+        for index, (position, moves) in enumerate(zip(rest, self._moves(), strict=True)):
+            if not moves:
+                owners.append(self.name)
+                coordinates.extend(position)
+                continue
+            vertex = body.add_body(
+                name=f"{self.name}_{index}", pos=position, mass=mass, inertia=[1e-9] * 3, explicitinertial=True
+            )
+            for axis in np.eye(3):
+                vertex.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+            owners.append(vertex.name)
+            coordinates.extend((0.0, 0.0, 0.0))
+        return owners, coordinates
+
+    def start(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose) -> None:
+        """See :meth:`ObjectDynamics.start`."""
+        self.move(model, data, object_pose, True, SETTLING_S)
+
+    def move(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose, held: bool, seconds: float) -> None:
+        """See :meth:`ObjectDynamics.move`."""
         rest = self._rest()[self._moves()]
         first = int(model.jnt_qposadr[model.body(f"{self.name}_{self._moves().argmax()}").jntadr[0]])
         moving = slice(first, first + rest.size)
@@ -108,8 +123,8 @@ class Sheet(Carrying):
         kept = data.qpos[others].copy()
         shifts, speeds = data.qpos[moving].reshape(-1, 3), data.qvel[moving].reshape(-1, 3)
 
-        gripped = np.flatnonzero(self._pinched(rest) & held)
-        ends = self._led(inverse(self.placed) @ led, rest[gripped]) - rest[gripped]
+        gripped = np.flatnonzero(self._is_pinched(rest) & held)
+        ends = self._gripped_positions(inverse(self.sheet_pose) @ object_pose, rest[gripped]) - rest[gripped]
         begins = shifts[gripped].copy()
         steps = max(1, round(seconds / STEP_S))
         for share in np.arange(1, steps + 1) / steps:
@@ -117,34 +132,42 @@ class Sheet(Carrying):
             speeds[gripped] = (ends - begins) / seconds
             mujoco.mj_step(model, data)
             speeds *= 1 - DRAG * STEP_S
-            self._lie(rest, shifts, speeds)
+            self._resolve_contact(rest, shifts, speeds)
         shifts[gripped] = ends
-        # The steps also let the actor's fingers fall, which are opened and closed as needed and not by forces.
+        # The steps also let the actor's fingers fall, whose opening is prescribed and not simulated.
         data.qpos[others] = kept
         data.qvel[others] = 0
         mujoco.mj_forward(model, data)
 
-    def _led(self, led: Pose, points: Float64[np.ndarray, "held 3"]) -> Float64[np.ndarray, "held 3"]:
-        """Where the held points go, all in the sheet's frame."""
-        roll = math.atan2(led[0, 2], led[2, 2])
+    def _gripped_positions(
+        self, edge_pose: Pose, points: Float64[np.ndarray, "held 3"]
+    ) -> Float64[np.ndarray, "held 3"]:
+        """Return the positions of the held points for a pose of the edge, all in the sheet's frame."""
+        roll = math.atan2(edge_pose[0, 2], edge_pose[2, 2])
         slope = float(np.interp(-roll, np.negative(self.rolls), self.slopes))
-        edge = transform(led, points * [0.0, 1.0, 0.0])
-        # Cloth hardly stretches: where the actor goes farther than it reaches, the edge slips.
+        edge = transform(edge_pose, points * [0.0, 1.0, 0.0])
+        # Cloth hardly stretches: where the actor goes farther than the sheet reaches, the edge slips.
         border = np.column_stack([np.full(len(points), self.fixed), points[:, 1], np.zeros(len(points))])
-        apart = np.linalg.norm(edge - border, axis=1, keepdims=True)
-        edge = border + (edge - border) * np.minimum(1, (self.half[0] - self.fixed) / np.maximum(apart, 1e-9))
+        distances = np.linalg.norm(edge - border, axis=1, keepdims=True)
+        edge = border + (edge - border) * np.minimum(1, (self.half_size[0] - self.fixed) / np.maximum(distances, 1e-9))
         outward = np.array([math.cos(slope), 0.0, math.sin(slope)])
-        return np.asarray(edge + (points[:, :1] - self.half[0]) * outward)
+        return np.asarray(edge + (points[:, :1] - self.half_size[0]) * outward)
 
-    def _lie(
+    def _resolve_contact(
         self,
         rest: Float64[np.ndarray, "moving 3"],
         shifts: Float64[np.ndarray, "moving 3"],
         speeds: Float64[np.ndarray, "moving 3"],
     ) -> None:
-        """Keep the vertices over the table, or over the lower layer, and let them rub on it."""
-        before = np.clip((self.crease - rest[:, 0] - shifts[:, 0]) / LAYER_RISES_OVER, 0, 1)
-        floor = np.where(rest[:, 0] > self.crease, LAYER * before, 0.0)
+        """Keep the vertices above the table, or above the lower layer, and apply friction to those that lie on it.
+
+        Args:
+            rest: positions at rest.
+            shifts: from the positions at rest; changed in place.
+            speeds: changed in place.
+        """
+        rise = np.clip((self.crease - rest[:, 0] - shifts[:, 0]) / LAYER_RISES_OVER, 0, 1)
+        floor = np.where(rest[:, 0] > self.crease, LAYER * rise, 0.0)
         lies = shifts[:, 2] <= floor
         shifts[lies, 2] = floor[lies]
         speeds[lies, 2] = np.maximum(speeds[lies, 2], 0)
@@ -152,23 +175,23 @@ class Sheet(Carrying):
         speeds[lies, :2] *= np.maximum(0, 1 - FRICTION * GRAVITY * STEP_S / np.maximum(slip, 1e-9))
 
     def _rest(self) -> Float64[np.ndarray, "vertices 3"]:
-        """The vertices of the flat sheet, column by column from -x, each from -y."""
-        x, y = (np.linspace(-half, half, count) for half, count in zip(self.half, (COLUMNS, ROWS), strict=True))
+        """Return the vertices of the flat sheet, column by column from -x, within a column from -y."""
+        x, y = (np.linspace(-half, half, count) for half, count in zip(self.half_size, (COLUMNS, ROWS), strict=True))
         return np.column_stack([np.repeat(x, ROWS), np.tile(y, COLUMNS), np.zeros(COLUMNS * ROWS)])
 
     def _moves(self) -> Bool[np.ndarray, " vertices"]:
-        """Which vertices do not stay where they are."""
+        """Return which vertices can move."""
         return np.asarray(self._rest()[:, 0] > self.fixed)
 
-    def _pinched(self, rest: Float64[np.ndarray, "moving 3"]) -> Bool[np.ndarray, " moving"]:
-        """Which of the moving vertices are held while the sheet is."""
-        # Two columns, since one alone does not say how the sheet is turned there.
-        at_edge = rest[:, 0] > self.half[0] * (1 - 3 / (COLUMNS - 1))
+    def _is_pinched(self, rest: Float64[np.ndarray, "moving 3"]) -> Bool[np.ndarray, " moving"]:
+        """Return which of the moving vertices are between the fingers while the sheet is held."""
+        # Two columns, since a single one would not define the slope of the sheet there.
+        at_edge = rest[:, 0] > self.half_size[0] * (1 - 3 / (COLUMNS - 1))
         return np.asarray(at_edge & (rest[:, 1] >= self.pinched[0]) & (rest[:, 1] <= self.pinched[1]))
 
 
 def _triangles() -> Int[np.ndarray, "triangles 3"]:
-    """Two to a cell; their diagonals alternate, so that no direction bends more easily than another."""
+    """Return two triangles per cell, with alternating diagonals, so that all directions bend equally easily."""
     corners = []
     for column in range(COLUMNS - 1):
         for row in range(ROWS - 1):

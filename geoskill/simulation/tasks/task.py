@@ -1,8 +1,8 @@
-"""What every task offers."""
+"""Interface of the tasks: a scene on the table, with the object's start and goal."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import final
+from typing import ClassVar, final
 
 import mujoco
 import numpy as np
@@ -10,8 +10,8 @@ from jaxtyping import Float64
 
 from geoskill.geometry.poses import Pose
 from geoskill.simulation.actors.actor import Grip
-from geoskill.simulation.parts import place
 from geoskill.simulation.roles import SceneRole
+from geoskill.simulation.shapes import set_body_pose
 
 Corner = tuple[float, float, float]
 INFINITE = float("inf")
@@ -20,7 +20,14 @@ INFINITE = float("inf")
 @final
 @dataclass(frozen=True)
 class RolePart:
-    """A part of a body that has a role: what lies in a box in the body's frame, by default all of it."""
+    """A part of a body that has a role: the points within a box in the body's frame, by default the whole body.
+
+    Attributes:
+        body: name of the body.
+        role: of the part.
+        lower: lower corner of the box, meters.
+        upper: upper corner of the box, meters.
+    """
 
     body: str
     role: SceneRole
@@ -30,8 +37,14 @@ class RolePart:
 
 @final
 @dataclass(frozen=True)
-class TablePlace:
-    """Where something stands on the table: meters to the right of and behind its middle, and how it is turned."""
+class PlanarPose:
+    """Position and heading on the table.
+
+    Attributes:
+        x: to the right of the table's center, meters.
+        y: away from the camera, meters.
+        yaw_rad: turn about the vertical, counterclockwise from above.
+    """
 
     x: float
     y: float
@@ -40,46 +53,62 @@ class TablePlace:
 
 @final
 @dataclass(frozen=True)
-class Spread:
-    """How far a place may lie from the usual one, uniformly to either side."""
+class PlacementRange:
+    """Largest deviations of a placement, to either side; meters and radians."""
 
     x: float
     y: float
     yaw_rad: float
 
-    def around(self, place: TablePlace, random: np.random.Generator) -> TablePlace:
-        """A random place near the usual one."""
-        x, y, yaw = random.uniform(-1, 1, 3)
-        return TablePlace(place.x + x * self.x, place.y + y * self.y, place.yaw_rad + yaw * self.yaw_rad)
+    def sample_around(self, center: PlanarPose, rng: np.random.Generator) -> PlanarPose:
+        """Draw a placement around a center, uniformly."""
+        x, y, yaw = rng.uniform(-1, 1, 3)
+        return PlanarPose(center.x + x * self.x, center.y + y * self.y, center.yaw_rad + yaw * self.yaw_rad)
+
+    def scaled(self, factor: float) -> "PlacementRange":
+        """Return a range that is wider or narrower by a factor."""
+        return PlacementRange(self.x * factor, self.y * factor, self.yaw_rad * factor)
 
 
-class Carrying(ABC):
-    """How the carried thing follows where it is led."""
+class ObjectDynamics(ABC):
+    """How the object follows the pose that its motion prescribes."""
 
     @abstractmethod
-    def start(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose) -> None:
-        """Put it where it is before the first frame."""
+    def start(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose) -> None:
+        """Put the object at its pose before the first frame."""
 
     @abstractmethod
-    def lead(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose, held: bool, seconds: float) -> None:
-        """Move it to the next frame's pose, in the time between two frames; `held` until it is let go."""
+    def move(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose, held: bool, seconds: float) -> None:
+        """Move the object to the next frame's pose.
+
+        Args:
+            model: the scene.
+            data: its state, which is changed.
+            object_pose: the next pose in the world.
+            held: whether the actor still holds the object.
+            seconds: time between the two frames.
+        """
 
 
 @final
 @dataclass(frozen=True)
-class Rigid(Carrying):
-    """A body that goes exactly where it is led."""
+class RigidObject(ObjectDynamics):
+    """A rigid body that follows its prescribed pose exactly.
+
+    Attributes:
+        body: name of the body.
+    """
 
     body: str
 
-    def start(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose) -> None:
-        """See :meth:`Carrying.start`."""
-        place(model, data, self.body, led)
+    def start(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose) -> None:
+        """See :meth:`ObjectDynamics.start`."""
+        set_body_pose(model, data, self.body, object_pose)
         mujoco.mj_forward(model, data)
 
-    def lead(self, model: mujoco.MjModel, data: mujoco.MjData, led: Pose, held: bool, seconds: float) -> None:
-        """See :meth:`Carrying.lead`."""
-        place(model, data, self.body, led)
+    def move(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose, held: bool, seconds: float) -> None:
+        """See :meth:`ObjectDynamics.move`."""
+        set_body_pose(model, data, self.body, object_pose)
         mujoco.mj_forward(model, data)
 
 
@@ -89,15 +118,15 @@ class TaskScene:
     """A task in one scene.
 
     Attributes:
-        start: pose of the carried thing on the first frame.
-        goal: on the last frame.
-        approach: from the goal to where the thing is before the last straight stretch, in meters in the world.
-        height: how high the path rises above the higher one of its ends, in meters.
-        grip: how the carried thing is held.
-        carrying: how it follows.
-        extent: corners of the target and what comes to lie on it, in the frame of the goal; what is to be hidden.
-        roles: the parts of bodies with a role; the first one that contains a point decides.
-        cloth: name of the flexible part whose points have coordinates in its rest state, if there is one.
+        start: pose of the object on the first frame, in the world.
+        goal: pose of the object on the last frame, in the world.
+        approach: from the goal to the beginning of the path's final straight segment, in the world, meters.
+        height: rise of the path above the higher of its ends, meters.
+        grip: how the object is held.
+        dynamics: how the object follows its path.
+        extent: corners of the target and what comes to lie on it, in the goal's frame, to be hidden by an occluder.
+        roles: the parts of bodies that have a role; the first that contains a point counts.
+        cloth: name of the cloth, whose points have coordinates in its rest state, if there is one.
     """
 
     start: Pose
@@ -105,35 +134,36 @@ class TaskScene:
     approach: Float64[np.ndarray, "3"]
     height: float
     grip: Grip
-    carrying: Carrying
+    dynamics: ObjectDynamics
     extent: Float64[np.ndarray, "corners 3"]
     roles: tuple[RolePart, ...]
     cloth: str | None = field(default=None)
 
 
 class Task(ABC):
-    """Puts a task's things on the table, which is the plane z = 0 with the camera at negative y."""
+    """A task that adds its things to the table, which is the plane z = 0 with the camera at negative y.
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """As on the command line."""
+    Attributes:
+        name: as on the command line; the module has the same name.
+    """
+
+    name: ClassVar[str]
 
     @abstractmethod
     def build(
         self,
         spec: mujoco.MjSpec,
-        target: TablePlace,
-        start: TablePlace,
-        looks: np.random.Generator,
-        take: np.random.Generator,
+        target: PlanarPose,
+        start: PlanarPose,
+        appearance_rng: np.random.Generator,
+        episode_rng: np.random.Generator,
     ) -> TaskScene:
-        """Add the things to a scene.
+        """Add the task's things to a scene.
 
         Args:
             spec: the scene.
-            target: how the target is moved from its usual place.
-            start: how the object's start is.
-            looks: draws everything by which the things are recognized; the same in all recordings of a seed.
-            take: draws what differs from recording to recording, such as where the object is held.
+            target: displacement of the target from its usual placement.
+            start: displacement of the object's start from its usual placement.
+            appearance_rng: draws the appearance of things, which is the same in all recordings of a seed.
+            episode_rng: draws what differs between recordings, such as where the object is held.
         """

@@ -1,4 +1,4 @@
-"""What both actors promise: they close on the thing, and all their parts are told by name."""
+"""Contract of the actors: they close on the object, and all their bodies have names."""
 
 import mujoco
 import numpy as np
@@ -8,7 +8,7 @@ from geoskill.geometry.poses import pose, rotation_about
 from geoskill.simulation.actors.actor import BODY, Actor, Grip
 from geoskill.simulation.actors.gripper import OPENING_M, Gripper
 from geoskill.simulation.actors.hand import Hand
-from geoskill.simulation.parts import place
+from geoskill.simulation.shapes import set_body_pose
 
 ACTORS = [Hand(), Gripper()]
 GRIP = Grip(np.eye(4), 0.03)
@@ -20,8 +20,8 @@ def model_of(actor: Actor, grip: Grip = GRIP, seed: int = 0) -> mujoco.MjModel:
     return spec.compile()
 
 
-def reach(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
-    """The mean place of the shapes of each finger."""
+def finger_positions(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
+    """Return the mean position of the shapes of each finger."""
     mujoco.mj_forward(model, data)
     fingers = [model.body(model.jnt_bodyid[joint]) for joint in range(model.njnt)]
     return {
@@ -31,28 +31,28 @@ def reach(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("actor", ACTORS, ids=lambda actor: type(actor).__name__)
-def test_the_fingers_open_along_x_on_both_sides(actor: Actor) -> None:
+def test_fingers_open_along_x_on_both_sides(actor: Actor) -> None:
     model = model_of(actor)
     data = mujoco.MjData(model)
-    actor.open(model, data, 0.0)
-    closed = reach(model, data)
-    actor.open(model, data, 1.0)
-    opened = reach(model, data)
-    sides = {name: np.sign(place[0]) for name, place in closed.items()}
+    actor.set_opening(model, data, 0.0)
+    closed = finger_positions(model, data)
+    actor.set_opening(model, data, 1.0)
+    opened = finger_positions(model, data)
+    sides = {name: np.sign(position[0]) for name, position in closed.items()}
     assert set(sides.values()) == {-1.0, 1.0}
     for name, side in sides.items():
         assert side * (opened[name][0] - closed[name][0]) > 0.01
-    actor.open(model, data, 0.0)
-    for name, found in reach(model, data).items():
-        np.testing.assert_allclose(found, closed[name])
+    actor.set_opening(model, data, 0.0)
+    for name, position in finger_positions(model, data).items():
+        np.testing.assert_allclose(position, closed[name])
 
 
-def test_a_grippers_fingers_touch_the_thing_and_open_by_a_known_way() -> None:
+def test_gripper_fingers_touch_the_object_and_open_by_a_known_distance() -> None:
     actor = Gripper()
     model = model_of(actor)
     data = mujoco.MjData(model)
     for opening in (0.0, 0.5, 1.0):
-        actor.open(model, data, opening)
+        actor.set_opening(model, data, opening)
         mujoco.mj_forward(model, data)
         for name, side in (("left_finger", -1), ("right_finger", 1)):
             first = model.body(name).geomadr[0]
@@ -61,22 +61,22 @@ def test_a_grippers_fingers_touch_the_thing_and_open_by_a_known_way() -> None:
 
 
 @pytest.mark.parametrize("actor", ACTORS, ids=lambda actor: type(actor).__name__)
-def test_it_goes_where_it_is_put_as_a_whole(actor: Actor) -> None:
+def test_actor_moves_as_one_body(actor: Actor) -> None:
     model = model_of(actor)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     before = data.geom_xpos.copy()
-    there = pose((0.1, -0.2, 0.3), rotation_about(np.array([0.2, 0.4, -1.0])))
-    place(model, data, BODY, there)
+    actor_pose = pose((0.1, -0.2, 0.3), rotation_about(np.array([0.2, 0.4, -1.0])))
+    set_body_pose(model, data, BODY, actor_pose)
     mujoco.mj_forward(model, data)
-    np.testing.assert_allclose(data.geom_xpos, before @ there[:3, :3].T + there[:3, 3], atol=1e-9)
-    # Roles are given by names: a part without one could not be told from the world.
-    assert all(model.body(number).name for number in range(1, model.nbody))
-    assert all(model.body(number).rootid[0] == model.body(BODY).id for number in range(1, model.nbody))
+    np.testing.assert_allclose(data.geom_xpos, before @ actor_pose[:3, :3].T + actor_pose[:3, 3], atol=1e-9)
+    # Roles refer to names: a body without one could not be told from the world.
+    assert all(model.body(body_id).name for body_id in range(1, model.nbody))
+    assert all(model.body(body_id).rootid[0] == model.body(BODY).id for body_id in range(1, model.nbody))
 
 
 @pytest.mark.parametrize("actor", ACTORS, ids=lambda actor: type(actor).__name__)
-def test_the_arm_comes_from_behind_and_above(actor: Actor) -> None:
+def test_arm_comes_from_behind_and_above(actor: Actor) -> None:
     model = model_of(actor)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -85,10 +85,10 @@ def test_the_arm_comes_from_behind_and_above(actor: Actor) -> None:
     assert farthest[2] > 0.05
 
 
-def test_hand_and_gripper_look_different() -> None:
-    """The hand is skin and sleeve, the gripper neither; another seed has other colors."""
+def test_hand_and_gripper_differ_in_appearance() -> None:
+    """The hand has the textures of skin and sleeve, the gripper none; the colors depend on the seed."""
     hand, gripper = model_of(Hand()), model_of(Gripper())
-    assert {hand.mat(number).name for number in range(hand.nmat)} == {"skin", "sleeve"}
+    assert {hand.mat(index).name for index in range(hand.nmat)} == {"skin", "sleeve"}
     assert gripper.nmat == 0
     assert np.any(model_of(Hand(), seed=1).tex_data != hand.tex_data)
     assert np.any(model_of(Gripper(), seed=1).geom_rgba != gripper.geom_rgba)

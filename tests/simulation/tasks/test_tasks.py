@@ -9,17 +9,17 @@ import pytest
 from geoskill.geometry.poses import inverse, table_pose, transform
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks import folding, insertion, screw, sorting
-from geoskill.simulation.tasks.task import RolePart, TablePlace, Task, TaskScene
+from geoskill.simulation.tasks.task import RolePart, PlanarPose, Task, TaskScene
 
 TASKS = ["sorting", "insertion", "folding", "screw"]
-MIDDLE = TablePlace(0.0, 0.0, 0.0)
+MIDDLE = PlanarPose(0.0, 0.0, 0.0)
 
 
 def build(
-    task: Task, looks: int = 0, take: int = 0, target: TablePlace = MIDDLE, start: TablePlace = MIDDLE
+    task: Task, appearance_rng: int = 0, episode_rng: int = 0, target: PlanarPose = MIDDLE, start: PlanarPose = MIDDLE
 ) -> tuple[mujoco.MjModel, TaskScene]:
     spec = mujoco.MjSpec()
-    scene = task.build(spec, target, start, np.random.default_rng(looks), np.random.default_rng(take))
+    scene = task.build(spec, target, start, np.random.default_rng(appearance_rng), np.random.default_rng(episode_rng))
     return spec.compile(), scene
 
 
@@ -73,7 +73,7 @@ def test_looks_stay_and_takes_differ(task_called: Callable[[str], Task], name: s
 @pytest.mark.parametrize("name", TASKS)
 def test_the_goal_goes_with_the_target(task_called: Callable[[str], Task], name: str) -> None:
     task = task_called(name)
-    place = TablePlace(0.03, -0.02, 0.4)
+    place = PlanarPose(0.03, -0.02, 0.4)
     _, usual = build(task)
     _, moved = build(task, target=place)
     shift = moved.goal @ inverse(usual.goal)
@@ -88,8 +88,8 @@ def test_the_goal_goes_with_the_target(task_called: Callable[[str], Task], name:
 
 
 @pytest.mark.parametrize("looks", range(4))
-def test_the_box_comes_to_stand_on_its_tile(looks: int) -> None:
-    model, scene = build(sorting.Sorting(), looks, target=TablePlace(0.02, 0.01, 0.3))
+def test_the_box_comes_to_stand_on_its_tile(appearance_rng: int) -> None:
+    model, scene = build(sorting.Sorting(), appearance_rng, target=PlanarPose(0.02, 0.01, 0.3))
     on_tile = inverse(poses(model)[sorting.TARGET]) @ scene.goal
     # The tile is 2 mm thick, and its frame below.
     np.testing.assert_allclose(on_tile[:3, 3], [0, 0, 0.002 + sorting.HALF_BOX[2]], atol=1e-9)
@@ -114,8 +114,8 @@ def test_the_block_comes_to_lie_in_the_slot() -> None:
 
 
 @pytest.mark.parametrize("looks", range(4))
-def test_the_tip_comes_into_a_hole(looks: int) -> None:
-    model, scene = build(screw.Screw(), looks)
+def test_the_tip_comes_into_a_hole(appearance_rng: int) -> None:
+    model, scene = build(screw.Screw(), appearance_rng)
     in_plate = inverse(poses(model)[screw.TARGET]) @ scene.goal
     x, y, z = in_plate[:3, 3]
     assert z == pytest.approx(2 * screw.HALF_PLATE[2] - screw.DEPTH)

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from geoskill.geometry.camera import looking_at
+from geoskill.geometry.camera import look_at
 from geoskill.geometry.poses import pose
-from geoskill.simulation.parts import add_box, add_capsule, add_cylinder, add_printed_box, moving_body, textured
-from geoskill.simulation.renderer import Renderer, add_camera, place_camera
+from geoskill.simulation.shapes import add_box, add_capsule, add_cylinder, add_printed_box, add_mocap_body, add_material
+from geoskill.simulation.renderer import Renderer, add_camera, set_camera_pose
 
 RED, GREEN, BLUE, WHITE = (230, 20, 20), (20, 230, 20), (20, 20, 230), (230, 230, 230)
 
@@ -30,22 +30,22 @@ def nearest(pixel: np.ndarray) -> tuple[int, ...]:
     [
         # From above, up in the picture is y.
         ("+z", pose((0.0, 0.0, 0.5), np.diag([1.0, -1.0, -1.0]))),
-        ("-y", looking_at(np.array([0.0, -0.5, 0.0]), np.zeros(3))),
-        ("+y", looking_at(np.array([0.0, 0.5, 0.0]), np.zeros(3))),
-        ("+x", looking_at(np.array([0.5, 0.0, 0.0]), np.zeros(3))),
-        ("-x", looking_at(np.array([-0.5, 0.0, 0.0]), np.zeros(3))),
+        ("-y", look_at(np.array([0.0, -0.5, 0.0]), np.zeros(3))),
+        ("+y", look_at(np.array([0.0, 0.5, 0.0]), np.zeros(3))),
+        ("+x", look_at(np.array([0.5, 0.0, 0.0]), np.zeros(3))),
+        ("-x", look_at(np.array([-0.5, 0.0, 0.0]), np.zeros(3))),
     ],
 )
 def test_prints_are_upright_and_not_mirrored(face: str, camera: np.ndarray) -> None:
     spec = mujoco.MjSpec()
     add_camera(spec, 101, 81)
     spec.visual.headlight.ambient = [0.8] * 3
-    material = textured(spec, "print", quarters(), shine=0.0)
-    box = moving_body(spec, "box")
+    material = add_material(spec, "print", quarters(), shine=0.0)
+    box = add_mocap_body(spec, "box")
     add_printed_box(box, (0.05, 0.05, 0.05), {face: material}, (0, 0, 0), np.eye(4))
     model = spec.compile()
     data = mujoco.MjData(model)
-    place_camera(model, data, camera)
+    set_camera_pose(model, data, camera)
     mujoco.mj_forward(model, data)
     with Renderer(model, 101, 81) as rendering:
         picture = rendering.picture(data)
@@ -56,7 +56,7 @@ def test_prints_are_upright_and_not_mirrored(face: str, camera: np.ndarray) -> N
 
 def test_shapes_are_where_they_are_to_be_and_touch_nothing() -> None:
     spec = mujoco.MjSpec()
-    body = moving_body(spec, "body", pose((1.0, 2.0, 3.0)))
+    body = add_mocap_body(spec, "body", pose((1.0, 2.0, 3.0)))
     add_box(body, (0.1, 0.2, 0.3), pose((0.5, 0.0, 0.0)), color=(0.25, 0.5, 0.75))
     add_capsule(body, (0, 0, 0), (0, 0, 0.4), 0.05)
     add_cylinder(body, (0, -0.3, 0), (0, 0.1, 0), 0.02)
