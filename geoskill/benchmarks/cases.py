@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Literal, final
 
 import torch
-from hydra.utils import instantiate
 from torch import Tensor
 from torch.nn.functional import normalize
 
 from geoskill.benchmarks.matmul_bound import matmul_workload, required_products
 from geoskill.benchmarks.measurement import Workload
-from geoskill.benchmarks.options import load_option
+from geoskill.benchmarks.options import build_network, kernel_of, network_arguments
 from geoskill.benchmarks.pyg_reference import PygNetwork, instance_batch
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
@@ -32,8 +31,8 @@ class Case:
 
     Attributes:
         job: ``select_out`` computes the scores of one frame and their softmax; ``training`` is one Adam step on them.
-        kernel: name of a file in ``conf/kernel``.
-        model: name of a file in ``conf/model``.
+        kernel: name of a kernel.
+        model: choice of ``model=``.
         features: number of features of each of the kernel's node types.
         device: of PyTorch, ``cpu`` or ``cuda``.
         threads: number of PyTorch's threads.
@@ -71,8 +70,7 @@ class Case:
 
     def build_kernel(self) -> Kernel:
         """Build the kernel."""
-        kernel: Kernel = instantiate(load_option("kernel", self.kernel)[self.kernel])
-        return kernel
+        return kernel_of(self.kernel)
 
     def feature_counts(self) -> dict[NodeType, int]:
         """Return the number of features of each node type."""
@@ -82,18 +80,16 @@ class Case:
         """Build the network, always with the same weights."""
         torch.manual_seed(0)
         kernel = self.build_kernel()
-        settings = load_option("model", self.model)
-        if "precision" in settings:
-            settings.precision = self.precision
-        make_scorer = instantiate(settings)
+        arguments = network_arguments(self.model)
+        if "precision" in arguments:
+            arguments["precision"] = self.precision
         motif = Motif.of(kernel, {node_type: DESCRIPTOR_DIMS[node_type] for node_type in kernel.roles})
-        scorer: InstanceScorer = make_scorer(motif)
-        return scorer.to(self.device)
+        return build_network(arguments, motif).to(self.device)
 
 
 def available_precisions(model: str) -> tuple[str, ...]:
-    """Return the precisions that a network of ``conf/model`` supports."""
-    return PRECISIONS if "precision" in load_option("model", model) else PRECISIONS[:1]
+    """Return the precisions that a network supports."""
+    return PRECISIONS if "precision" in network_arguments(model) else PRECISIONS[:1]
 
 
 def prepare(case: Case, variant: Variant) -> Workload:

@@ -7,7 +7,7 @@ from typing import final
 from geoskill.benchmarks.cases import Case, Job, available_precisions, prepare
 from geoskill.benchmarks.machine import check_run
 from geoskill.benchmarks.measurement import Metrics, Workload, peak_memory_mb, time_in_turns
-from geoskill.benchmarks.options import Group, option_names
+from geoskill.benchmarks.options import kernel_of, network_arguments
 from geoskill.benchmarks.table import Row
 from geoskill.errors import InputError
 from geoskill.model.message_passing import PRECISIONS
@@ -19,8 +19,8 @@ class Grid:
     """All combinations of kernels, networks, precisions and numbers of features, and how they are measured.
 
     Attributes:
-        kernels: names of files in ``conf/kernel``.
-        models: names of files in ``conf/model``.
+        kernels: names of kernels.
+        models: choices of ``model=``.
         precisions: those that a network supports are measured; of one that supports none of them, the first that it
             has.
         features: numbers of features of each of a kernel's node types, each at least 2.
@@ -43,15 +43,10 @@ class Grid:
     device: str
 
     def __post_init__(self) -> None:
-        groups: tuple[tuple[str, Group, tuple[str, ...]], ...] = (
-            ("kernels", "kernel", self.kernels),
-            ("models", "model", self.models),
-        )
-        for argument, group, names in groups:
-            known = option_names(group)
-            for name in names:
-                if name not in known:
-                    raise InputError(f"{argument}={name}: expected some of {', '.join(known)}")
+        for kernel in self.kernels:
+            kernel_of(kernel)
+        for model in self.models:
+            network_arguments(model)
         if not self.precisions:
             raise InputError(f"precisions=[]: expected some of {', '.join(PRECISIONS)}")
         for precision in self.precisions:

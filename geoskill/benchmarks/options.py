@@ -1,22 +1,40 @@
-"""The choices of the configuration that the benchmarks go through by name: kernels and networks."""
+"""The kernels and networks that the benchmarks go through by name."""
 
-from pathlib import Path
-from typing import Literal
+from geoskill.cli.compose import compose_training
+from geoskill.errors import InputError
+from geoskill.kernels.kernel import Kernel
+from geoskill.model.scorer import InstanceScorer, Motif
+from geoskill.plugins import KERNELS, SCORERS
+from geoskill.schema import as_plain
 
-from omegaconf import DictConfig, OmegaConf
-
-from geoskill.cli.command import configuration_folder
-
-Group = Literal["kernel", "model"]
-
-
-def option_names(group: Group) -> list[str]:
-    """Return the names of all options of a group, in alphabetical order."""
-    return sorted(path.stem for path in (Path(configuration_folder()) / group).glob("*.yaml"))
+PRESETS = ("default", "paper", "bilinear", "prototypes")
+"""Choices of ``model=``."""
 
 
-def load_option(group: Group, name: str) -> DictConfig:
-    """Return the configuration of one option, as its file has it."""
-    option = OmegaConf.load(Path(configuration_folder()) / group / f"{name}.yaml")
-    assert isinstance(option, DictConfig)
-    return option
+def kernel_of(name: str) -> Kernel:
+    """Build the kernel of a name.
+
+    Raises:
+        InputError: when there is none.
+    """
+    kernel: Kernel = KERNELS.build(name, {})()
+    return kernel
+
+
+def network_arguments(preset: str) -> dict[str, object]:
+    """Return name and arguments of a network, as ``model=`` chooses it.
+
+    Raises:
+        InputError: when there is none.
+    """
+    if preset not in (*PRESETS, *SCORERS.names()):
+        raise InputError(f"models={preset}: expected some of {', '.join(PRESETS)}")
+    arguments: dict[str, object] = as_plain(compose_training(f"model={preset}").model)
+    return arguments
+
+
+def build_network(arguments: dict[str, object], motif: Motif) -> InstanceScorer:
+    """Build a network from its name and arguments."""
+    plain = dict(arguments)
+    network: InstanceScorer = SCORERS.build(str(plain.pop("name")), plain)(motif)
+    return network

@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
-
-from geoskill.cli.command import let_idle_threads_sleep, run_command
-from geoskill.cli.settings import refusing
+from geoskill.benchmarks.config import PipelineConfig
+from geoskill.cli.command import Run, let_idle_threads_sleep, run_command
+from geoskill.cli.schemas import SimulatedTaskConfig
 from geoskill.errors import InputError
 from geoskill.io.frames import FrameSource
 
@@ -16,49 +14,39 @@ if TYPE_CHECKING:
     from geoskill.benchmarks.stages import Stages
 
 
-def measure(cfg: DictConfig) -> None:
+def measure(config: PipelineConfig, run: Run) -> None:
     """Measure, print the table, and write the report to ``hydra.run.dir``.
 
     Raises:
         InputError: when a value of the configuration or the video cannot be used.
     """
     let_idle_threads_sleep()  # has no effect once PyTorch is imported, as it is below
-    stages, description = _prepare(cfg)
-    _measure(stages, description, cfg.device, cfg.repeats, Path(HydraConfig.get().runtime.output_dir))
-
-
-def _prepare(cfg: DictConfig) -> tuple["Stages", dict[str, Any]]:
-    """Build the stages and the description of their skill; nothing below this reads the configuration."""
     from geoskill.benchmarks.machine import check_run
     from geoskill.benchmarks.stages import Stages
     from geoskill.cli.inputs import use_threads
-    from geoskill.cli.progress import quiet_libraries
-    from geoskill.skill.spec import build, describe
+    from geoskill.skill.spec import plan_skill
+    from geoskill.training.quiet import quiet_libraries
 
-    check_run(cfg.repeats, cfg.device)
-    if cfg.frames < 1:
-        raise InputError(f"frames={cfg.frames}: expected at least 1")
-    quiet_libraries()
-    threads = use_threads(cfg.threads)
-    plain: dict[str, Any] = OmegaConf.to_container(cfg, resolve=True)  # type: ignore[assignment]
-    description = describe(
-        plain["kernel"], plain["descriptor"], plain["model"], plain["features"], cfg.inference.alternatives
-    )
-    with refusing("model"):
-        components = build(description)
-    return Stages.of(_open_source(cfg), cfg.frames, components, cfg.device, threads), description
+    check_run(config.repeats, config.device)
+    with quiet_libraries():
+        threads = use_threads(config.threads)
+        spec = plan_skill(config.kernel, config.descriptor, config.model, config.features, config.top_k)
+        stages = Stages.of(_open_source(config, run), config.frames, spec, config.device, threads)
+        _measure(stages, spec.as_plain(), config.device, config.repeats, run.folder)
 
 
-def _open_source(cfg: DictConfig) -> FrameSource:
-    from geoskill.cli.footage import simulated_footage
-    from geoskill.cli.inputs import array_store, open_recording
+def _open_source(config: PipelineConfig, run: Run) -> FrameSource:
+    from geoskill.cli.inputs import open_disk_cache, open_recording
+    from geoskill.cli.sequences import labeled_recording
+    from geoskill.skill.checkpoint import SimulatedScene
 
-    if cfg.video is not None:
-        return open_recording(cfg.video, None)
-    choices = HydraConfig.get().runtime.choices
-    if "scene" not in cfg.task:
-        raise InputError(f"task={choices['task']} is no simulated task; expected one such as task=sorting, or video=…")
-    return simulated_footage(cfg.task, cfg.scenario, cfg.seed, choices["scenario"], array_store(cfg)).source
+    if config.video is not None:
+        return open_recording(config.video, None)
+    if not isinstance(config.task, SimulatedTaskConfig):
+        name = run.choices["task"]
+        raise InputError(f"task={name} is no simulated task; expected one such as task=sorting, or video=…")
+    scene = SimulatedScene(config.task.name, config.seed, config.scenario)
+    return labeled_recording(scene, run.choices["scenario"], open_disk_cache(config.cache)).source
 
 
 def _measure(stages: "Stages", description: Mapping[str, Any], device: str, repeats: int, folder: Path) -> None:
@@ -85,4 +73,4 @@ def _measure(stages: "Stages", description: Mapping[str, Any], device: str, repe
 
 
 if __name__ == "__main__":
-    run_command("pipeline", measure)
+    run_command("pipeline", PipelineConfig, measure)

@@ -15,8 +15,9 @@ from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
+from geoskill.skill.checkpoint import Provenance
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillComponents
+from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.skill.temporal_filter import TemporalFilter
 
 # The workload that the others are compared with.
@@ -44,14 +45,15 @@ class Stages:
     threads: int
 
     @classmethod
-    def of(cls, source: FrameSource, count: int, components: SkillComponents, device: str, threads: int) -> "Stages":
+    def of(cls, source: FrameSource, count: int, spec: SkillSpec, device: str, threads: int) -> "Stages":
         """Read and extract the first ``count`` frames, or all if there are fewer, and fit the skill's prototypes.
 
         Raises:
             InputError: when the frames cannot be read, or contain no feature of a type that a kernel needs.
         """
         frames = list(islice(source, count))
-        skill = Skill(components)
+        size = (frames[0].image.shape[1], frames[0].image.shape[0])
+        skill = Skill(build_skill(spec), spec, Provenance((source.name,), size, date="", version="", seed=0))
         features = [skill.extract(frame.image) for frame in frames]
         for name, member in skill.members.items():
             descriptors = {

@@ -78,7 +78,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
         if unknown:
             raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
         refuse_renamed_keys()
-        register_schemas()
+        register_schemas(name, schema)
         hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(
             # Hydra names the run after the function's file.
             functools.wraps(job)(guarded)

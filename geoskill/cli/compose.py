@@ -1,5 +1,6 @@
 """Hydra's configuration from the typed one: registered schemas, checked values, and messages that name the key."""
 
+import contextlib
 import dataclasses
 import difflib
 import inspect
@@ -17,7 +18,6 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from geoskill.cli.schemas import (
-    COMMANDS,
     RENAMED,
     SimulatedTaskConfig,
     TrainCommandConfig,
@@ -30,6 +30,7 @@ from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
 from geoskill.schema import check_value, expectation, settings_of
 
 C = TypeVar("C", bound=Config)
+GROUPS = ("kernel", "descriptor", "model", "task", "logger")
 
 
 def configuration_folder() -> str:
@@ -39,18 +40,16 @@ def configuration_folder() -> str:
     return str(installed if installed.is_dir() else package.parent / "conf")
 
 
-def register_schemas() -> None:
-    """Tell Hydra the schema of every command, and every choice that is not a file under ``conf/``.
+def register_schemas(command: str, schema: type[Config]) -> None:
+    """Tell Hydra the schema of a command, and every choice that is not a file under ``conf/``.
 
     Built-in kernels, networks and tasks are registered by name alone: importing them takes seconds. A plug-in is
     imported, since its arguments are those of its constructor; one that cannot be is left to the message of its use.
     """
     store = ConfigStore.instance()
-    for command, schema in COMMANDS.items():
-        # What a group decides is left open here, lest one choice is merged into another.
-        chosen = {"kernel": None, "descriptor": None, "model": None, "task": None, "logger": None}
-        own = {key: value for key, value in chosen.items() if schema is TrainCommandConfig}
-        store.store(name=f"{command}_schema", node=schema(**own))
+    # What a group decides is left open here, lest one choice is merged into another.
+    groups = [own.name for own in dataclasses.fields(schema) if own.name in GROUPS]  # type: ignore[arg-type]
+    store.store(name=f"{command}_schema", node=schema(**dict.fromkeys(groups)))
     for name in KERNELS.built_in:
         store.store(group="kernel", name=name, node={name: {}})
     for name in EXTRACTORS.built_in:
@@ -93,6 +92,15 @@ def _schema_of(registry: Registry, name: str) -> type:
     return dataclasses.make_dataclass(f"{registry.get(name).__name__}Config", entries)
 
 
+def compose_training(*overrides: str) -> TrainCommandConfig:
+    """Return the configuration of ``train.py`` with these overrides; outside of a command, or within one."""
+    register_schemas("train", TrainCommandConfig)
+    with contextlib.ExitStack() as stack:
+        if not GlobalHydra.instance().is_initialized():
+            stack.enter_context(hydra.initialize_config_dir(configuration_folder(), version_base="1.3"))
+        return typed(hydra.compose("train", list(overrides)), TrainCommandConfig)
+
+
 def typed(cfg: DictConfig, schema: type[C]) -> C:
     """Return a composed configuration as its dataclass, every value checked.
 
@@ -113,7 +121,7 @@ def _check_values(node: DictConfig, prefix: str) -> None:
         if isinstance(value, DictConfig):
             _check_values(value, f"{prefix}{key}.")
         elif key in known:
-            check_value(f"{prefix}{key}", value, *known[key])
+            check_value(prefix + str(key), value, *known[key])
 
 
 def refuse_renamed_keys() -> None:
@@ -140,12 +148,12 @@ def explain_composition(error: BaseException, command: str) -> str:
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             settings = _settings_of(cause)
             if settings is not None:
-                value = "null" if cause.value is None else cause.value  # type: ignore[attr-defined]
+                value = "null" if cause.value is None else cause.value
                 return f"{cause.full_key}={value}: expected {expectation(*settings)}"
         cause = cause.__cause__
     unknown = re.match(r"Could not (?:override|append to|delete from config. )\W*'([^']+)'", str(error))
     if unknown and isinstance(error, ConfigCompositionException):
-        return f"{_one_line(error)}: there is no such key; expected {_nearest(unknown[1], command)}one that --cfg job shows"
+        return f"{_one_line(error)}: there is no such key; expected {_nearest(unknown[1], command)}one of --cfg job"
     return _one_line(error)
 
 
