@@ -14,7 +14,7 @@ from geoskill.evaluation.labels import Labels
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.sources import read_all
-from geoskill.plugins import TASKS
+from geoskill.plugins import TASKS, code_identity
 from geoskill.skill.checkpoint import SimulatedScene
 
 if TYPE_CHECKING:
@@ -151,14 +151,16 @@ def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | 
     from geoskill.simulation.scene import RecordingSettings, record
 
     conditions = Conditions(**asdict(scene.scenario))
-    settings = RecordingSettings(TASKS.build(scene.task, {})(), conditions, scene.seed, episode)
+    task = TASKS.build(scene.task, {})()
+    settings = RecordingSettings(task, conditions, scene.seed, episode)
 
     def render() -> Recording:
         return record(settings)
 
     if store is None:
         return render()
-    described = f"{_renderer_identity()} {scene.task} {sorted(asdict(conditions).items())} {scene.seed} {episode}"
+    code = _renderer_identity() + code_identity(type(task))
+    described = f"{code} {scene.task} {sorted(asdict(conditions).items())} {scene.seed} {episode}"
     return store.get_or_compute(hashlib.sha256(described.encode()).hexdigest(), render, pack, unpack)
 
 
