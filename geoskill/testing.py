@@ -7,7 +7,7 @@ Each check raises :class:`AssertionError` with a message that names what is viol
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
 import cv2
@@ -16,12 +16,14 @@ import torch
 from torch import Tensor
 
 from geoskill.features.extractor import FeatureExtractor
+from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.scorer import InstanceScorer, Motif
+from geoskill.plugins import NAME
 
 DESCRIPTOR_DIMS = {NodeType.POINT: 6, NodeType.LINE: 9}
 NUM_FEATURES = 8
@@ -31,31 +33,30 @@ PATH = Motif((NodeType.POINT,) * 3, ((0, 1), (1, 2), (1, 0), (2, 1)), ((0, 1, 2)
 def check_kernel(kernel: type[Kernel]) -> None:
     """Check a kernel class.
 
-    - It is final, and has a name and a meaning.
+    - It is final, and has a name, a meaning, and everything else that :class:`Kernel` lists.
     - Its motif is connected; no edge joins a node with itself or is listed twice.
     - Every association is listed once, whatever the number of features, and joins different features.
-    - The control error is finite, of the declared width, and its norm does not depend on the order of nodes that the
-      motif does not tell apart.
+    - The control error is finite, also of coinciding points and of segments without length, of the declared width, and
+      its norm does not depend on the order of nodes that the motif does not tell apart.
 
     Args:
-        kernel: the class; it takes no arguments.
+        kernel: the class; it is made without arguments.
 
     Raises:
         AssertionError: when it does not.
     """
-    name = kernel.__name__
-    _require(issubclass(kernel, Kernel) and not inspect.isabstract(kernel), f"{name} is no concrete Kernel")
-    _require(getattr(kernel, "__final__", False), f"{name} is not @final")
-    _require(bool(kernel.name) and bool(kernel.meaning), f"{name} has no name or no meaning")
-    _require(kernel.resolution > 0 and kernel.error_dim >= 1, f"{name} has no resolution or no error_dim")
+    name = _require_class(kernel, Kernel)
+    for attribute in ("meaning", "roles", "edges", "error_dim", "resolution"):
+        _require(hasattr(kernel, attribute), f"{name} has no {attribute}")
+    _require(bool(kernel.meaning), f"{name} has no meaning")
+    _require(kernel.error_dim >= 1 and kernel.resolution > 0, f"{name}: error_dim or resolution is not positive")
     _check_motif(kernel)
     for points, lines in product((0, 1, 2, 5), (0, 1, 3)):
         _check_instances(kernel, {NodeType.POINT: points, NodeType.LINE: lines})
     for count in (0, 1, 7):
-        error = kernel().control_error(_random_nodes(kernel, count, torch.float32))
-        _require(error.shape == (count, kernel.error_dim), f"{name}: error of {tuple(error.shape)}, not error_dim wide")
-        _require(error.dtype == torch.float32, f"{name}: error of {error.dtype} for nodes of float32")
-        _require(bool(torch.isfinite(error).all()), f"{name}: error that is not finite")
+        _check_error(kernel, "nodes at random places", _random_nodes(kernel, count, torch.float32))
+    _check_error(kernel, "nodes of one place and no length", [torch.full_like(rows, 5.0) for rows in _pair(kernel)])
+    _check_error(kernel, "nodes without length", [rows[:, :2].repeat(1, rows.shape[1] // 2) for rows in _pair(kernel)])
     nodes = _random_nodes(kernel, 50, torch.float64)
     norm = kernel().control_error(nodes).norm(dim=1)
     _require(float(norm.min()) > 0, f"{name}: zero error of nodes at random places")
@@ -66,24 +67,25 @@ def check_kernel(kernel: type[Kernel]) -> None:
         )
 
 
-def check_extractor(extractor: FeatureExtractor) -> None:
+def check_extractor(extractor: FeatureExtractor | type[FeatureExtractor]) -> None:
     """Check a descriptor with its detector.
 
-    - It is final, has a name, and keeps its arguments, which are plain, as attributes.
+    - It is final, has a name, a node type and a width, and keeps its arguments, which are plain, as attributes.
     - Features lie in the picture, strongest first, with descriptors of unit norm and declared width.
     - ``limit`` keeps the strongest, and a picture without structure or a tiny one has no feature.
     - The same picture gives the same features, and is left unchanged.
 
     Args:
-        extractor: an instance, with arguments of your choice.
+        extractor: an instance with arguments of your choice, or the class for its defaults.
 
     Raises:
         AssertionError: when it does not.
     """
-    cls = type(extractor)
-    name = cls.__name__
-    _require(isinstance(extractor, FeatureExtractor) and getattr(cls, "__final__", False), f"{name} is not @final")
-    _require(bool(getattr(cls, "name", "")), f"{name} has no name")
+    cls = extractor if isinstance(extractor, type) else type(extractor)
+    name = _require_class(cls, FeatureExtractor)
+    for attribute in ("node_type", "descriptor_dim"):
+        _require(hasattr(cls, attribute), f"{name} has no {attribute}")
+    extractor = cls() if isinstance(extractor, type) else extractor
     for argument in list(inspect.signature(cls).parameters):
         kept = vars(extractor).get(argument, ...)
         _require(kept is not ..., f"{name} does not keep its argument {argument} under this name")
@@ -92,7 +94,7 @@ def check_extractor(extractor: FeatureExtractor) -> None:
         )
     picture = _textured_picture()
     before = picture.copy()
-    found, again = extractor.extract(picture), extractor.extract(picture)
+    found, again = _extract(extractor, picture), _extract(extractor, picture)
     _require(np.array_equal(picture, before), f"{name} changes the picture")
     _require(len(found) > 0, f"{name} finds nothing in a picture full of corners and edges")
     _require(found.node_type is cls.node_type, f"{name} finds {found.node_type}s, not {cls.node_type}s")
@@ -104,10 +106,12 @@ def check_extractor(extractor: FeatureExtractor) -> None:
     height, width = picture.shape
     inside = (ends >= -1.5) & (ends <= np.array([width + 0.5, height + 0.5]))
     _require(bool(inside.all()), f"{name} finds features outside of the picture")
-    few = extractor.extract(picture, 3)
-    _require(np.allclose(few.geometry[:3], found.geometry[:3]), f"{name}: the first of a limit are not the strongest")
+    few = _extract(extractor, picture, 3).geometry[:3]
+    strongest = found.geometry[:3]
+    kept = few.shape == strongest.shape and np.allclose(few, strongest)
+    _require(kept, f"{name}: the first features under a limit are not the strongest")
     for empty in (np.full((120, 160), 90, np.uint8), np.zeros((8, 8), np.uint8)):
-        nothing = extractor.extract(empty)
+        nothing = _extract(extractor, empty)
         _require(len(nothing) == 0, f"{name} finds {len(nothing)} features in a plain picture")
         _require(nothing.descriptors.shape[1] == cls.descriptor_dim, f"{name}: an empty set has another width")
 
@@ -118,7 +122,7 @@ def check_scorer(build: Callable[[Motif], InstanceScorer]) -> None:
     - Its scores do not depend on the order of nodes that the motif does not tell apart, on that of features, or on what
       other instances there are; no instance gives no score.
     - A score depends on the features of its instance only, and the gradient reaches every parameter.
-    - It has a name.
+    - It is final, has a name and parameters, and scores the same instances the same way again.
 
     Args:
         build: makes the network for a motif: the class, or a :func:`functools.partial` of it with its arguments.
@@ -127,22 +131,24 @@ def check_scorer(build: Callable[[Motif], InstanceScorer]) -> None:
         AssertionError: when it does not.
     """
     kernels: tuple[Kernel, ...] = (PointToPoint(), PointToLine(), LineToLine())
-    for motif in (
-        *(Motif.of(kernel, {role: DESCRIPTOR_DIMS[role] for role in kernel.roles}) for kernel in kernels),
-        PATH,
-    ):
-        torch.manual_seed(0)
-        network = build(motif).double()
-        name = type(network).__name__
-        _require(isinstance(network, InstanceScorer) and bool(getattr(network, "name", "")), f"{name} has no name")
-        descriptors = {
-            kind: torch.nn.functional.normalize(torch.randn(NUM_FEATURES, dim, dtype=torch.float64))
-            for kind, dim in motif.descriptor_dims.items()
-        }
-        network.fit_prototypes(descriptors)
-        index = torch.randint(NUM_FEATURES, (len(motif.roles), 20), generator=torch.Generator().manual_seed(1))
-        _check_scores(name, network, motif, descriptors, index)
-        _check_gradients(name, network, motif, descriptors, index)
+    motifs = [Motif.of(kernel, {role: DESCRIPTOR_DIMS[role] for role in kernel.roles}) for kernel in kernels]
+    for motif in (*motifs, PATH):
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(0)
+            _check_network(build(motif).double(), motif)
+
+
+def _check_network(network: InstanceScorer, motif: Motif) -> None:
+    name = _require_class(type(network), InstanceScorer)
+    _require(any(True for _ in network.parameters()), f"{name} has no parameters")
+    descriptors = {
+        node_type: torch.nn.functional.normalize(torch.randn(NUM_FEATURES, dim, dtype=torch.float64))
+        for node_type, dim in motif.descriptor_dims.items()
+    }
+    network.fit_prototypes(descriptors)
+    index = torch.randint(NUM_FEATURES, (len(motif.roles), 20), generator=torch.Generator().manual_seed(1))
+    _check_scores(name, network, motif, descriptors, index)
+    _check_gradients(name, network, motif, descriptors, index)
 
 
 def _check_motif(kernel: type[Kernel]) -> None:
@@ -156,6 +162,14 @@ def _check_motif(kernel: type[Kernel]) -> None:
     for _ in nodes:
         reached |= {target for source, target in directed_edges(kernel) if source in reached}
     _require(reached == nodes, f"{name}: the motif is not connected")
+
+
+def _check_error(kernel: type[Kernel], case: str, nodes: Sequence[Tensor]) -> None:
+    name, count = kernel.__name__, len(nodes[0])
+    error = kernel().control_error(nodes)
+    _require(error.shape == (count, kernel.error_dim), f"{name}: error of {tuple(error.shape)}, not error_dim wide")
+    _require(error.dtype == torch.float32, f"{name}: error of {error.dtype} for nodes of float32")
+    _require(bool(torch.isfinite(error).all()), f"{name}: error of {case} is not finite")
 
 
 def _check_instances(kernel: type[Kernel], counts: Mapping[NodeType, int]) -> None:
@@ -181,7 +195,9 @@ def _check_scores(
     name: str, network: InstanceScorer, motif: Motif, descriptors: Mapping[NodeType, Tensor], index: Tensor
 ) -> None:
     scores = network(descriptors, index)
+    _require(scores.dtype == torch.float64, f"{name}: scores of {scores.dtype} for descriptors of float64")
     _require(scores.shape == (index.shape[1],), f"{name}: {tuple(scores.shape)} scores of {index.shape[1]} instances")
+    _require(_equal(network(descriptors, index), scores), f"{name}: scores differ the second time")
     for order in motif.automorphisms:
         exchanged = network(descriptors, index[list(order)])
         _require(_equal(exchanged, scores), f"{name}: scores depend on the order {order} of like nodes")
@@ -191,21 +207,23 @@ def _check_scores(
     )
     _require(_equal(network(descriptors, index[:, :7]), scores[:7]), f"{name}: scores depend on other instances")
     features = torch.randperm(NUM_FEATURES)
-    shuffled = {kind: rows[features] for kind, rows in descriptors.items()}
+    shuffled = {node_type: rows[features] for node_type, rows in descriptors.items()}
     moved = network(shuffled, torch.argsort(features)[index])
     _require(_equal(moved, scores), f"{name}: scores depend on the order of features")
-    for rows in (descriptors, {kind: rows[:0] for kind, rows in descriptors.items()}):
+    for rows in (descriptors, {node_type: rows[:0] for node_type, rows in descriptors.items()}):
         _require(network(rows, index[:, :0]).shape == (0,), f"{name}: no instance gives a score")
 
 
 def _check_gradients(
     name: str, network: InstanceScorer, motif: Motif, descriptors: Mapping[NodeType, Tensor], index: Tensor
 ) -> None:
-    inputs = {kind: rows.clone().requires_grad_() for kind, rows in descriptors.items()}
+    inputs = {node_type: rows.clone().requires_grad_() for node_type, rows in descriptors.items()}
     for number in (0, 7):
-        gradients = torch.autograd.grad(network(inputs, index)[number], list(inputs.values()))
-        for kind, gradient in zip(inputs, gradients, strict=True):
-            own = {int(row[number]) for role, row in zip(motif.roles, index, strict=True) if role is kind}
+        score = network(inputs, index)[number]
+        _require(score.requires_grad, f"{name}: scores have no gradient")
+        gradients = torch.autograd.grad(score, list(inputs.values()), allow_unused=True, materialize_grads=True)
+        for node_type, gradient in zip(inputs, gradients, strict=True):
+            own = {int(row[number]) for role, row in zip(motif.roles, index, strict=True) if role is node_type}
             touched = {int(feature) for feature in gradient.abs().sum(dim=1).nonzero()}
             _require(touched <= own, f"{name}: a score depends on features of other instances")
     network.zero_grad()
@@ -213,6 +231,17 @@ def _check_gradients(
     (scores @ torch.randn_like(scores)).backward()
     unreached = [key for key, weights in network.named_parameters() if weights.grad is None or not weights.grad.any()]
     _require(not unreached, f"{name}: no gradient reaches {', '.join(unreached)}")
+
+
+def _extract(extractor: FeatureExtractor, picture: np.ndarray, limit: int | None = None) -> FeatureSet:
+    try:
+        return extractor.extract(picture, limit)
+    except ValueError as error:  # of a FeatureSet, which checks what it is given
+        raise AssertionError(f"{type(extractor).__name__}: {error}") from error
+
+
+def _pair(kernel: type[Kernel]) -> list[Tensor]:
+    return _random_nodes(kernel, 2, torch.float32)
 
 
 def _random_nodes(kernel: type[Kernel], count: int, dtype: torch.dtype) -> list[Tensor]:
@@ -233,6 +262,20 @@ def _textured_picture() -> np.ndarray:
 
 def _equal(first: Tensor, second: Tensor) -> bool:
     return torch.allclose(first, second, rtol=0, atol=1e-9)
+
+
+def _require_class(cls: type, base: type) -> str:
+    """Require what every plug-in must be, and return the name of its class for messages."""
+    shown = getattr(cls, "__name__", repr(cls))
+    concrete = isinstance(cls, type) and issubclass(cls, base) and not inspect.isabstract(cls)
+    _require(concrete, f"{shown} is no concrete {base.__name__}")
+    _require("__final__" in vars(cls), f"{shown} is not @final")
+    name = getattr(cls, "name", None)
+    _require(
+        isinstance(name, str) and NAME.fullmatch(name) is not None,
+        f"{shown} has the name {name!r}; expected small letters, digits and _",
+    )
+    return shown
 
 
 def _require(satisfied: bool, message: str) -> None:
