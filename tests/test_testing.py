@@ -268,7 +268,7 @@ BROKEN_EXTRACTORS = {
     "under a limit are not the strongest": extractor(find_the_weakest),
     "features in a plain picture": extractor(find_one_everywhere),
     "an empty set has another width": extractor(find_an_empty_set_of_another_width),
-    "expected the strongest first": extractor(find_the_weakest_first),
+    "features are not sorted": extractor(find_the_weakest_first),
 }
 
 
