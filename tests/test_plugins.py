@@ -622,4 +622,4 @@ def test_simulated_task_of_an_installed_package_is_learned_and_scored(machine: M
     scene = read_skill(run).provenance.scene
     assert scene is not None
     assert scene.task == "covering"
-    assert json.loads((run / "metrics.json").read_text())["feasible_frames"] >= 0  # it was scored on ground truth
+    assert "feasible_frames" in json.loads((run / "metrics.json").read_text())  # scored on ground truth
