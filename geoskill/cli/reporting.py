@@ -35,10 +35,10 @@ def write_inference(
     metrics: Mapping[str, int | float],
     threads: int,
 ) -> dict[str, Any]:
-    """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
+    """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
-    Ctrl-C is how a camera's frames end. When they end by Ctrl-C otherwise, or because the source is damaged, everything
-    up to there is written first, unless ``folder`` holds earlier results: those stay.
+    A camera's frames end with Ctrl-C. Where other frames end by Ctrl-C or by a damaged source, the results up to there
+    are written first, unless ``folder`` holds earlier results, which stay.
 
     Args:
         skill: has the members.
@@ -115,7 +115,7 @@ def write_inference(
 def extracted_ahead(
     skill: Skill, frames: Iterable[Frame], threads: int, *, live: bool
 ) -> Generator[tuple[Frame, dict[str, FeatureSet]], None, None]:
-    """Frames with their features, read and extracted while those before are in use; to be closed.
+    """Yield frames with their features, which are read and extracted ahead of their use; close it after use.
 
     Args:
         skill: has the extractors.
@@ -132,7 +132,7 @@ def extracted_ahead(
 
 
 def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:
-    """The lines of ``associations.jsonl`` for one frame: every association, and a rank 0 for a member without any."""
+    """Yield the lines of ``associations.jsonl`` for one frame; a member without associations has a line of rank 0."""
     place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
     for association in result.associations:
         yield {**place, **association.as_json()}

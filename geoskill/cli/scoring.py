@@ -17,15 +17,15 @@ from geoskill.skill.skill import Skill
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
 
-# Frames of a demonstration, spread over it, in whose features is looked for what meets.
+# Frames of a demonstration in whose features the oracle looks for pairs that meet.
 ORACLE_FRAMES = 12
 
 
 def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
-    """The labeled regions of these frames, of which every so many are to be judged.
+    """Read the labeled regions of these frames, every so many of which are evaluated.
 
     Raises:
-        InputError: when the regions do not fit the frames, or cover none that is to be judged.
+        InputError: when the regions do not fit the frames, or cover none that is evaluated.
     """
     if every < 1:
         raise InputError(f"every={every}: expected at least 1")
@@ -38,10 +38,10 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
 def score(
     skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, config: SelectionConfig
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Figures over all judged frames, and a row for each member and judged frame.
+    """Return metrics over all evaluated frames, and a row for each member and evaluated frame.
 
     Raises:
-        InputError: when no frame to be judged is labeled, or there is no such selection (:func:`selection`).
+        InputError: when no evaluated frame is labeled.
     """
     return evaluate_frames(
         frames,
@@ -50,12 +50,16 @@ def score(
         [(member.kernel, member.descriptor) for member in skill.members.values()],
         every=every,
         continuous=config.temporal != "none",
-        progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
+        progress=lambda items: show_progress(items, "evaluating frames", total=len(frames)),
     )
 
 
 def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording") -> dict[str, dict[str, Any]]:
-    """By member: how strict a skill could be in a recording that knew all that meets in its demonstration's picture."""
+    """Return the metrics of an oracle for each member.
+
+    The oracle knows all pairs that meet in the demonstration's picture; a skill that learned from it cannot be expected
+    to be more exact in another recording.
+    """
     from geoskill.evaluation.oracle import oracle
 
     frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)

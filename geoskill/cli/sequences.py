@@ -163,7 +163,7 @@ def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | 
 
 
 def _renderer_identity() -> str:
-    """What recordings of the same settings depend on: the code that makes them."""
+    """Return a digest of the code that makes recordings."""
     import mujoco
 
     import geoskill.simulation

@@ -39,7 +39,7 @@ class ArrayFrames(FrameSource):
                 )
             if shape != np.shape(pictures[0]):
                 raise InputError(
-                    f"{name}: picture {number} is {list(shape)}; expected that of the first, {list(np.shape(pictures[0]))}"
+                    f"{name}: picture {number} is {list(shape)}; expected that of the first, {np.shape(pictures[0])}"
                 )
         self._pictures = pictures
         self._frame_rate = checked_frame_rate(frame_rate)
