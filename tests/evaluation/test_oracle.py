@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geoskill.evaluation.oracle import oracle
+from geoskill.evaluation.oracle import evaluate_oracle
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.p2p import PointToPoint
@@ -32,18 +32,18 @@ def moved(recording: Recording, meters: float) -> Recording:
 
 def test_seen_from_the_same_place_all_that_meets_does(hand_made_recording: Recording) -> None:
     found = {0: points(ON_BOX, MEETS_IT, THREE_AWAY, TABLE), 1: points(MEETS_IT)}
-    figures = oracle(PointToPoint(), hand_made_recording, found, hand_made_recording)
-    assert figures["oracle_strict_accuracy"] == 1
-    assert figures["oracle_goal_error_mm"] == pytest.approx(0, abs=1e-3)
+    metrics = evaluate_oracle(PointToPoint(), hand_made_recording, found, hand_made_recording)
+    assert metrics["oracle_strict_accuracy"] == 1
+    assert metrics["oracle_goal_error_mm"] == pytest.approx(0, abs=1e-3)
 
 
 def test_seen_from_elsewhere_what_lies_at_another_height_is_off(hand_made_recording: Recording) -> None:
     """The tile moves by 80 px per meter, the box's top, 0.8 m from the camera, by 100; a pixel there is 1 cm."""
     found = {0: points(ON_BOX, MEETS_IT), 1: points(ON_BOX, MEETS_IT, THREE_AWAY)}
     for meters, error_mm in ((0.1, 20.0), (-0.05, 10.0), (0.01, 2.0)):
-        figures = oracle(PointToPoint(), hand_made_recording, found, moved(hand_made_recording, meters))
-        assert figures["oracle_goal_error_mm"] == pytest.approx(error_mm, abs=1e-3)
-        assert figures["oracle_strict_accuracy"] == (error_mm <= 3)
+        metrics = evaluate_oracle(PointToPoint(), hand_made_recording, found, moved(hand_made_recording, meters))
+        assert metrics["oracle_goal_error_mm"] == pytest.approx(error_mm, abs=1e-3)
+        assert metrics["oracle_strict_accuracy"] == (error_mm <= 3)
 
 
 def test_the_error_is_the_median_of_all_frames(hand_made_recording: Recording) -> None:
@@ -53,18 +53,20 @@ def test_the_error_is_the_median_of_all_frames(hand_made_recording: Recording) -
     poses[1, box, :3, :3] = poses[1, box, :3, :3] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turned = replace(hand_made_recording, poses=poses)
     found = {0: points(ON_BOX, MEETS_IT), 1: points()}
-    figures = oracle(PointToPoint(), hand_made_recording, found, turned)
-    assert figures["oracle_goal_error_mm"] == pytest.approx(10 * 8**0.5, abs=1e-3)  # from (0, 2) to (-2, 0) px
-    assert figures["oracle_strict_accuracy"] == 0
+    metrics = evaluate_oracle(PointToPoint(), hand_made_recording, found, turned)
+    assert metrics["oracle_goal_error_mm"] == pytest.approx(10 * 8**0.5, abs=1e-3)  # from (0, 2) to (-2, 0) px
+    assert metrics["oracle_strict_accuracy"] == 0
 
 
 def test_where_nothing_meets_there_is_no_figure(hand_made_recording: Recording) -> None:
     nothing = {"oracle_strict_accuracy": None, "oracle_goal_error_mm": None}
     found = {0: points(ON_BOX, THREE_AWAY), 1: points(TABLE)}
-    assert oracle(PointToPoint(), hand_made_recording, found, hand_made_recording) == nothing
-    assert oracle(PointToPoint(), hand_made_recording, {}, hand_made_recording) == nothing
+    assert evaluate_oracle(PointToPoint(), hand_made_recording, found, hand_made_recording) == nothing
+    assert evaluate_oracle(PointToPoint(), hand_made_recording, {}, hand_made_recording) == nothing
 
 
 def test_an_angle_has_none(hand_made_recording: Recording) -> None:
     nothing = {"oracle_strict_accuracy": None, "oracle_goal_error_mm": None}
-    assert oracle(Parallel(), hand_made_recording, {0: points(ON_BOX, MEETS_IT)}, hand_made_recording) == nothing
+    assert (
+        evaluate_oracle(Parallel(), hand_made_recording, {0: points(ON_BOX, MEETS_IT)}, hand_made_recording) == nothing
+    )

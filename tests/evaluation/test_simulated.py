@@ -5,18 +5,22 @@ from dataclasses import replace
 
 import pytest
 
-from geoskill.evaluation.labels import TOLERANCE_PX, Region
+from geoskill.evaluation.labels import TOLERANCE_PX
 from geoskill.evaluation.simulated import SimulatedFrame, SimulatedLabels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks.task import INFINITE, RolePart
 
-OBJECT, TARGET, HAND = Region
+OBJECT, TARGET, HAND = SceneRole
 
 
 def label(
-    frame: SimulatedFrame, x: float, y: float, tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = Region
-) -> Region | None:
+    frame: SimulatedFrame,
+    x: float,
+    y: float,
+    tolerance_px: float = TOLERANCE_PX,
+    among: Sequence[SceneRole] = SceneRole,
+) -> SceneRole | None:
     return frame.label((float(x), float(y)), float(tolerance_px), tuple(among))
 
 
@@ -41,7 +45,7 @@ def label(
     ],
 )
 def test_regions_and_their_tolerance(
-    hand_made_recording: Recording, point: tuple[float, float], expected: Region | None
+    hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
 ) -> None:
     assert label(SimulatedFrame(hand_made_recording, 0), *point) is expected
 
@@ -72,7 +76,9 @@ def test_other_tolerances_and_regions(hand_made_recording: Recording) -> None:
         ((1e6, -1e6), None),
     ],
 )
-def test_the_pictures_edge(hand_made_recording: Recording, point: tuple[float, float], expected: Region | None) -> None:
+def test_the_pictures_edge(
+    hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
+) -> None:
     assert label(SimulatedFrame(hand_made_recording, 1), *point) is expected
 
 
@@ -132,6 +138,6 @@ def test_all_frames_have_labels_and_no_others(hand_made_recording: Recording) ->
     assert last is not None
     assert (label(first, 12, 15), label(last, 12, 15)) == (OBJECT, None)
     labels.require_size((41, 31))
-    labels.require_judged(2, 1)
+    labels.require_evaluated(2, 1)
     with pytest.raises(ValueError, match=r"made up, robot: the frames are \(31, 41\); expected \(41, 31\)"):
         labels.require_size((31, 41))

@@ -11,7 +11,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
-from geoskill.skill.association import Association, Node, follow_nodes
+from geoskill.skill.association import Association, Node, track_nodes
 from geoskill.skill.matching import is_same_association, is_same_feature
 from geoskill.tracking.flow import track_between
 
@@ -40,7 +40,7 @@ def line(*coordinates: float) -> Node:
 
 
 def association(*nodes: Node) -> Association:
-    return Association("p2p", "sift", 1, 0.5, 0.5, nodes, (0.0, 0.0))
+    return Association("p2p_sift", "p2p", "sift", 1, 0.5, 0.5, nodes, (0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_order_matters_only_where_the_motif_tells_nodes_apart() -> None:
 
 def test_nodes_of_both_types_move_with_the_picture_and_keep_their_places() -> None:
     nodes = (point(60, 50), line(40, 70, 100, 70), point(90, 40))
-    moved = follow_nodes(nodes, partial(track_between, start=PICTURE, end=shifted(4, 2)))
+    moved = track_nodes(nodes, partial(track_between, start=PICTURE, end=shifted(4, 2)))
     assert moved is not None
     expected = [(64, 52), (44, 72, 104, 72), (94, 42)]
     assert [node.node_type for node in moved] == [node.node_type for node in nodes]
@@ -108,13 +108,13 @@ def test_nodes_of_both_types_move_with_the_picture_and_keep_their_places() -> No
 def test_one_lost_node_loses_the_association() -> None:
     right = cv2.warpAffine(PICTURE, np.float32([[1, 0, 8], [0, 1, 0]]), (160, 120), borderMode=cv2.BORDER_REFLECT)
     follow = partial(track_between, start=PICTURE, end=right)
-    assert follow_nodes((point(40, 50), point(120, 50)), follow) is not None
-    assert follow_nodes((point(40, 50), point(156, 50)), follow) is None, "it has left the picture"
+    assert track_nodes((point(40, 50), point(120, 50)), follow) is not None
+    assert track_nodes((point(40, 50), point(156, 50)), follow) is None, "it has left the picture"
 
 
 def test_keeping_the_moving_features_is_no_switch_and_taking_others_is_one() -> None:
     counter = SwitchCounter(PointToPoint())
-    verdicts = []
+    switched = []
     for frame, nodes in enumerate(
         [
             [point(60, 50), point(90, 60)],
@@ -125,38 +125,38 @@ def test_keeping_the_moving_features_is_no_switch_and_taking_others_is_one() -> 
         ]
     ):
         counter.advance(shifted(4 * frame, 2 * frame))
-        verdicts.append(counter.judge(association(*nodes)))
-    assert verdicts == [None, False, False, True, True]
+        switched.append(counter.evaluate(association(*nodes)))
+    assert switched == [None, False, False, True, True]
     assert counter.count == SwitchCount(switches=2, comparable=4)
 
 
 def test_transitions_with_a_lost_node_are_left_out() -> None:
     counter = SwitchCounter(PointToPoint())
-    verdicts = []
+    switched = []
     for image in (PICTURE, texture(seed=1), texture(seed=1)):
         counter.advance(image)
-        verdicts.append(counter.judge(association(point(60, 50), point(90, 60))))
-    assert verdicts == [None, None, False]
+        switched.append(counter.evaluate(association(point(60, 50), point(90, 60))))
+    assert switched == [None, None, False]
     assert counter.count == SwitchCount(switches=0, comparable=1)
 
 
 def test_frames_without_association_break_the_chain() -> None:
     counter = SwitchCounter(PointToPoint())
     top = association(point(60, 50), point(90, 60))
-    verdicts = []
+    switched = []
     for listed in (top, None, top, top):
         counter.advance(PICTURE)
-        verdicts.append(counter.judge(listed))
-    assert verdicts == [None, None, None, False]
+        switched.append(counter.evaluate(listed))
+    assert switched == [None, None, None, False]
 
 
 def test_nodes_are_followed_through_frames_that_are_not_judged() -> None:
     # 6 px a frame for 8 frames: the chain arrives where the single step of 48 px is lost.
     start, end = (point(50, 40), point(70, 70)), (point(98, 40), point(118, 70))
-    assert follow_nodes(start, partial(track_between, start=shifted(0, 0), end=shifted(48, 0))) is None
+    assert track_nodes(start, partial(track_between, start=shifted(0, 0), end=shifted(48, 0))) is None
     counter = SwitchCounter(PointToPoint())
     counter.advance(shifted(0, 0))
-    assert counter.judge(association(*start)) is None
+    assert counter.evaluate(association(*start)) is None
     for frame in range(1, 9):
         counter.advance(shifted(6 * frame, 0))
-    assert counter.judge(association(*end)) is False
+    assert counter.evaluate(association(*end)) is False

@@ -16,7 +16,7 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.skill.association import Association, InferenceResult, Node
-from geoskill.skill.definition import LISTED, SAME_FEATURE, TaskDefinition
+from geoskill.skill.definition import MAX_LISTED, MIN_SIMILARITY, TaskDefinition
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 EXTRACTORS = {POINT: "sift", LINE: "lbd"}
@@ -50,14 +50,14 @@ def frame_with(first: np.ndarray, second: np.ndarray, confidence: float, error: 
 
     return InferenceResult(
         (
-            Association("p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
-            Association("p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
+            Association("p2p_sift", "p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
+            Association("p2p_sift", "p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
         ),
         {"sift": found},
     )
 
 
-NOTHING = InferenceResult((), {"sift": features_of(POINT, [])}, {("p2p", "sift"): "no instance"})
+NOTHING = InferenceResult((), {"sift": features_of(POINT, [])}, {"p2p_sift": "no instance"})
 
 
 def definition_of(results: list[InferenceResult], kernels: dict[str, Kernel] | None = None) -> dict[str, Any]:
@@ -118,9 +118,9 @@ def test_what_was_kept_without_being_detected_counts_as_what_it_was() -> None:
     assert found["associations"][0]["nodes"] == [first.as_json(), second.as_json()]
 
 
-@pytest.mark.parametrize(("likeness", "groups"), [(SAME_FEATURE + 0.01, 1), (SAME_FEATURE - 0.01, 2)])
-def test_how_alike_views_of_one_feature_must_be(likeness: float, groups: int) -> None:
-    other = np.array([likeness, np.sqrt(1 - likeness**2), 0, 0], np.float32)
+@pytest.mark.parametrize(("similarity", "groups"), [(MIN_SIMILARITY + 0.01, 1), (MIN_SIMILARITY - 0.01, 2)])
+def test_how_alike_views_of_one_feature_must_be(similarity: float, groups: int) -> None:
+    other = np.array([similarity, np.sqrt(1 - similarity**2), 0, 0], np.float32)
     described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(other, SHELF, 0.5, (1.0, 0.0))])
     assert len(described["members"]["p2p_sift"]["associations"]) == groups
 
@@ -167,12 +167,12 @@ def test_the_most_frequent_are_listed_first() -> None:
             np.zeros(2, np.float32),
         )
         nodes = (Node(POINT, (0.0, 0.0), 0), Node(POINT, (0.0, 0.0), 1))
-        association = Association("p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
+        association = Association("p2p_sift", "p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
         results += number * [InferenceResult((association,), {"sift": found})]
     described = definition_of(results)
     shares = [group["share"] for group in described["members"]["p2p_sift"]["associations"]]
     assert shares == [round(count / 28, 4) for count in (7, 6, 5, 4, 3)]
-    assert len(shares) == LISTED
+    assert len(shares) == MAX_LISTED
 
 
 def test_an_ensemble_constrains_what_its_members_do_together() -> None:
@@ -180,9 +180,17 @@ def test_an_ensemble_constrains_what_its_members_do_together() -> None:
     result = InferenceResult(
         (
             Association(
-                "p2p", "sift", 1, 0.5, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)
+                "p2p_sift",
+                "p2p",
+                "sift",
+                1,
+                0.5,
+                0.5,
+                (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)),
+                (3.0, 4.0),
             ),
             Association(
+                "p2l_sift_lbd",
                 "p2l",
                 "sift+lbd",
                 1,

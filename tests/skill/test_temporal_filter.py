@@ -51,7 +51,7 @@ def test_it_switches_less_than_frame_by_frame(skill: Skill, demonstration_frames
         counter = SwitchCounter(skill.members[POINTS].kernel)
         for frame in demonstration_frames:
             counter.advance(frame)
-            counter.judge(of_points(infer(frame))[0])
+            counter.evaluate(of_points(infer(frame))[0])
         assert counter.count.comparable > 10
         switches.append(counter.count.switches)
     assert switches[1] < switches[0] / 2
@@ -72,7 +72,7 @@ def test_a_lead_adds_up_until_patience_ends(
     kept = of_points(selector.infer(frame))[0]
     turn_over(skill)
     scores = skill.observe(frame).members[POINTS].scores
-    monkeypatch.setattr(temporal_filter, "MARGIN", 0.5)
+    monkeypatch.setattr(temporal_filter, "TOLERATED_MARGIN", 0.5)
     lead = float((scores.max() - scores.min()) / scores.std(correction=0)) - 0.5
     monkeypatch.setattr(temporal_filter, "PATIENCE", 2.5 * lead)
     for _ in range(2):
@@ -97,7 +97,7 @@ def keep_weak_features(skill: Skill, selector: TemporalFilter, frame: np.ndarray
     skill.alternatives = 4
     weak = next(a for a in listed if all(node.feature is not None and node.feature >= 2 for node in a.nodes))
     gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
-    selector._kept[POINTS] = temporal_filter._Selected(weak, temporal_filter._looks(weak.nodes, gray))
+    selector._selected[POINTS] = temporal_filter._Selected(weak, temporal_filter._appearance(weak.nodes, gray))
     return weak
 
 
@@ -105,7 +105,7 @@ def test_what_is_not_detected_is_followed_for_a_while(skill: Skill, demonstratio
     frame, selector = demonstration_frames[6], TemporalFilter(skill)
     weak = keep_weak_features(skill, selector, frame)
     skill.pipelines["sift"].max_features = 2
-    for _ in range(temporal_filter.LONGEST_MISS):
+    for _ in range(temporal_filter.MAX_MISSED_FRAMES):
         (found,) = of_points(selector.infer(frame))
         assert (found.rank, found.confidence) == (1, weak.confidence)
         assert [node.feature for node in found.nodes] == [None, None]

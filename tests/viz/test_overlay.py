@@ -26,7 +26,8 @@ def lines(*xyxy: tuple[float, float, float, float]) -> tuple[Node, ...]:
 def association(
     nodes: tuple[Node, ...], rank: int = 1, confidence: float = 0.5, kernel: str = "p2p", descriptor: str = "sift"
 ) -> Association:
-    return Association(kernel, descriptor, rank, confidence, confidence, nodes, (3.0, -4.0))
+    member = "_".join([kernel, *descriptor.split("+")])
+    return Association(member, kernel, descriptor, rank, confidence, confidence, nodes, (3.0, -4.0))
 
 
 def feature_set(node_type: NodeType, *rows: tuple[float, ...]) -> FeatureSet:
@@ -257,6 +258,6 @@ def test_an_error_without_unit_is_printed_without(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(overlay, "_print", listening)
     nodes = (Node(NodeType.LINE, (1.0, 1.0, 20.0, 1.0)), Node(NodeType.LINE, (1.0, 9.0, 20.0, 30.0)))
     for unit in ("", "px"):
-        top = Association("par", "lbd", 1, 0.9, 0.9, nodes, (0.5,), unit)
+        top = Association("par_lbd", "par", "lbd", 1, 0.9, 0.9, nodes, (0.5,), unit)
         draw_overlay(np.zeros((60, 80, 3), np.uint8), [], [top], frame_index=0)
     assert [text for text in printed if text.startswith("|E|")] == ["|E| = 0.50", "|E| = 0.50 px"]
