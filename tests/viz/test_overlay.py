@@ -6,8 +6,9 @@ import pytest
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, Node
-from geoskill.viz import overlay
-from geoskill.viz.overlay import OTHER_COLORS, TOP_COLOR, draw_overlay, rank_color
+from geoskill.viz import panel
+from geoskill.viz.drawing import OTHER_COLORS, TOP_COLOR, rank_color
+from geoskill.viz.overlay import draw_overlay
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
 PANEL_WIDTH = 272
@@ -249,13 +250,13 @@ def test_red_is_the_top_ones_alone() -> None:
 
 def test_an_error_without_unit_is_printed_without(monkeypatch: pytest.MonkeyPatch) -> None:
     printed: list[str] = []
-    original = overlay._print
+    original = panel.draw_text
 
     def listening(canvas: np.ndarray, text: str, *rest: object) -> None:
         printed.append(text)
         original(canvas, text, *rest)
 
-    monkeypatch.setattr(overlay, "_print", listening)
+    monkeypatch.setattr(panel, "draw_text", listening)
     nodes = (Node(NodeType.LINE, (1.0, 1.0, 20.0, 1.0)), Node(NodeType.LINE, (1.0, 9.0, 20.0, 30.0)))
     for unit in ("", "px"):
         top = Association("par_lbd", "par", "lbd", 1, 0.9, 0.9, nodes, (0.5,), unit)
