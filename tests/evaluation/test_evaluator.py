@@ -1,4 +1,4 @@
-"""A whole evaluation with a skill whose answers are known."""
+"""Tests of whole evaluations with a skill whose answers are known."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator
@@ -26,7 +26,7 @@ from geoskill.skill.association import Association, InferenceResult, Node
 
 
 def member(kernel: Kernel, *extractors: str) -> KernelModel:
-    """A member with untrained weights, fed by one extractor for each node type."""
+    """Return an untrained member with one extractor for each node type."""
     names = dict(zip(node_types(kernel), extractors, strict=True))
     return KernelModel(kernel, names, Bilinear(Motif.of(kernel, dict.fromkeys(names, 1)), hidden_dim=1))
 
@@ -72,7 +72,7 @@ def pair(first: tuple[float, float], second: tuple[float, float], confidence: fl
 
 
 def answers(*tops: Association | None) -> Callable[[np.ndarray], InferenceResult]:
-    """A skill that says these one after another."""
+    """Return a skill that selects these one after another."""
     features = {"sift": point_set(ON_OBJECT, ELSEWHERE_ON_OBJECT, ON_TARGET, ON_HAND)}
     remaining = iter(tops)
 
@@ -86,7 +86,7 @@ def answers(*tops: Association | None) -> Callable[[np.ndarray], InferenceResult
 RIGHT = pair(ON_OBJECT, ON_TARGET)
 
 
-def test_metrics_and_rows_of_five_frames() -> None:
+def test_evaluate_frames_metrics_and_rows() -> None:
     infer = answers(
         RIGHT, pair(ON_TARGET, ON_OBJECT), pair(ELSEWHERE_ON_OBJECT, ON_TARGET), pair(ON_HAND, ON_TARGET, 0.5), None
     )
@@ -119,20 +119,20 @@ def test_metrics_and_rows_of_five_frames() -> None:
         assert json.loads(json.dumps(written, allow_nan=False)) == written
 
 
-def test_frames_without_labels_are_neither_inferred_nor_judged() -> None:
+def test_evaluate_frames_skips_unlabeled_frames() -> None:
     metrics, rows = evaluate_frames(still_frames(9), answers(RIGHT, RIGHT, RIGHT), regions(3, 5), P2P_SIFT)
     assert [row["frame"] for row in rows] == [3, 4, 5]
     assert metrics["unlabeled_frames"] == 6
 
 
-def test_every_third_frame_counts_from_the_start_of_the_sequence() -> None:
+def test_evaluate_frames_every_third_counts_from_start_of_sequence() -> None:
     metrics, rows = evaluate_frames(still_frames(10), answers(RIGHT, RIGHT, RIGHT), regions(2, 9), P2P_SIFT, every=3)
     assert [row["frame"] for row in rows] == [3, 6, 9]
     assert [row["switched"] for row in rows] == [None, False, False]
     assert (metrics["frames"], metrics["comparable_transitions"], metrics["unlabeled_frames"]) == (3, 2, 1)
 
 
-def test_members_are_judged_side_by_side() -> None:
+def test_evaluate_frames_of_ensemble() -> None:
     segments = FeatureSet(
         NodeType.LINE, np.ones((1, 1), np.float32), np.array([[70, 40, 90, 40]], np.float32), np.ones(1, np.float32)
     )
@@ -155,7 +155,7 @@ def test_members_are_judged_side_by_side() -> None:
     assert metrics["members"]["p2p_sift"]["mean_confidence"] == 0.75
 
 
-def test_frames_are_taken_one_at_a_time() -> None:
+def test_evaluate_frames_takes_one_frame_at_a_time() -> None:
     waiting: list[int] = []
 
     def watched() -> Iterator[Frame]:
@@ -181,7 +181,7 @@ def test_frames_are_taken_one_at_a_time() -> None:
     assert shown == [0, 1, 2, 3]
 
 
-def test_labels_that_do_not_fit_the_video() -> None:
+def test_evaluate_frames_refuses_labels_that_do_not_fit() -> None:
     with pytest.raises(InputError, match=r"labels\.json: image_size is 64x64; expected 120x100"):
         evaluate_frames(still_frames(2), answers(RIGHT), regions(0, image_size=(64, 64)), P2P_SIFT)
     with pytest.raises(InputError, match=r"labels\.json: labels frames 7 to 9; .* 5 frames of the video"):
@@ -190,7 +190,7 @@ def test_labels_that_do_not_fit_the_video() -> None:
         evaluate_frames(still_frames(5), answers(RIGHT), regions(1, 2), P2P_SIFT, every=3)
 
 
-def test_unusable_arguments() -> None:
+def test_evaluate_frames_refuses_bad_arguments() -> None:
     with pytest.raises(InputError, match="every=0: expected at least 1"):
         evaluate_frames(still_frames(2), answers(RIGHT), regions(0), P2P_SIFT, every=0)
     with pytest.raises(ValueError, match="at least one"):
@@ -198,7 +198,7 @@ def test_unusable_arguments() -> None:
 
 
 @pytest.mark.slow
-def test_a_skill_that_knows_the_labels_is_right_on_the_real_demonstration(blocks: Path) -> None:
+def test_evaluate_frames_with_ground_truth_on_blocks(blocks: Path) -> None:
     ground_truth = load_regions(blocks / "human1.regions.json", (240, 240), 205)
     numbers = iter(range(0, 205, 20))
 

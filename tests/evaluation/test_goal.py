@@ -1,4 +1,4 @@
-"""Strict switched: on the hand-made recording, whose fixture says what is where, and at the edge of what is right."""
+"""Tests of strict evaluation at the goal on the hand-made recording, whose fixture describes the scene."""
 
 from collections.abc import Sequence
 
@@ -34,12 +34,14 @@ def nodes(*places: XY) -> tuple[Node, ...]:
 
 
 def features(*places: XY) -> dict[NodeType, FeatureSet]:
-    found = {}
+    feature_sets = {}
     for kind in NodeType:
         rows = [place for place in places if len(place) == kind.geometry_dim]
         geometry = np.array(rows, np.float32).reshape(-1, kind.geometry_dim)
-        found[kind] = FeatureSet(kind, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32))
-    return found
+        feature_sets[kind] = FeatureSet(
+            kind, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32)
+        )
+    return feature_sets
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +65,7 @@ def labels(hand_made_recording: Recording) -> SimulatedFrame:
         ((), (), None, False),
     ],
 )
-def test_points(
+def test_evaluate_at_goal_points(
     labels: SimulatedFrame, top: Sequence[XY], others: Sequence[XY], error_m: float | None, feasible: bool
 ) -> None:
     result = evaluate_at_goal(PointToPoint(), nodes(*top), features(*top, *others), labels)
@@ -85,7 +87,7 @@ def test_points(
         (PointToLine(), (ON_BOX, RIGHT), 0.03, False),
     ],
 )
-def test_lines(
+def test_evaluate_at_goal_lines(
     labels: SimulatedFrame, kernel: Kernel, top: Sequence[XY], error_m: float | None, feasible: bool
 ) -> None:
     result = evaluate_at_goal(kernel, nodes(*top), features(*top), labels)
@@ -94,7 +96,7 @@ def test_lines(
     assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
 
 
-def test_an_angle_is_no_length_and_a_video_has_no_goal(labels: SimulatedFrame) -> None:
+def test_evaluate_at_goal_without_length_or_goal(labels: SimulatedFrame) -> None:
     assert evaluate_at_goal(Parallel(), nodes(ROW, COLUMN), features(ROW, COLUMN), labels) is None
     outlines = FrameRegions({region: np.zeros((0, 2), np.float32) for region in SceneRole})
     top = (ON_BOX, MEETS_IT)
@@ -102,7 +104,7 @@ def test_an_angle_is_no_length_and_a_video_has_no_goal(labels: SimulatedFrame) -
 
 
 class Pair(FrameLabels):
-    """Everything left of column 50 is on the object, the rest on the target; the goal is 100 px to the right of it.
+    """Labels with the object left of column 50, the target on the rest, and the goal 100 px to the right of the object.
 
     A pixel is a millimeter wide.
     """
@@ -124,7 +126,7 @@ class Pair(FrameLabels):
 
 
 @pytest.mark.parametrize(("apart_px", "feasible"), [(0.0, True), (2.99, True), (3.01, False)])
-def test_three_millimetres_are_right(apart_px: float, feasible: bool) -> None:
+def test_evaluate_at_goal_feasible_within_three_millimeters(apart_px: float, feasible: bool) -> None:
     top = ((10.0, 20.0), (110.0, 20.0 + apart_px))
     result = evaluate_at_goal(PointToPoint(), nodes(*top), features(*top), Pair())
     assert result is not None

@@ -1,4 +1,4 @@
-"""Labels of recordings that were made by hand; the fixtures say what is where."""
+"""Tests of simulated labels on hand-made recordings, whose fixtures describe the scenes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -44,13 +44,13 @@ def label(
         ((34.2, 20), TARGET),
     ],
 )
-def test_regions_and_their_tolerance(
+def test_simulated_label(
     hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
 ) -> None:
     assert label(SimulatedFrame(hand_made_recording, 0), *point) is expected
 
 
-def test_other_tolerances_and_regions(hand_made_recording: Recording) -> None:
+def test_simulated_label_with_other_tolerances_and_roles(hand_made_recording: Recording) -> None:
     frame = SimulatedFrame(hand_made_recording, 0)
     assert label(frame, 9, 15, 0) is None
     assert label(frame, 10, 15, 0) is OBJECT
@@ -76,20 +76,20 @@ def test_other_tolerances_and_regions(hand_made_recording: Recording) -> None:
         ((1e6, -1e6), None),
     ],
 )
-def test_the_pictures_edge(
+def test_simulated_label_at_image_border(
     hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
 ) -> None:
     assert label(SimulatedFrame(hand_made_recording, 1), *point) is expected
 
 
-def test_where_points_are_at_the_goal(hand_made_recording: Recording) -> None:
+def test_simulated_at_goal(hand_made_recording: Recording) -> None:
     frame = SimulatedFrame(hand_made_recording, 0)
     points = [(14.0, 15.0), (27.0, 12.0), (20.0, 15.0), (12.0, 11.0), (12.0, 13.0)]
     moved = frame.at_goal(points)
     # The box's right edge becomes its far one. The finger's pixel is within 3 px of the box, the table's is not.
     expected = [(30.0, 13.0), (27.0, 12.0), None, (28.0, 15.0), (28.0, 15.0)]
-    for found, by_hand in zip(moved, expected, strict=True):
-        assert found == (None if by_hand is None else pytest.approx(by_hand))
+    for point, by_hand in zip(moved, expected, strict=True):
+        assert point == (None if by_hand is None else pytest.approx(by_hand))
     assert frame.at_goal([]) == []
     assert frame.goal_pixel_m == pytest.approx(0.01)
     # At the goal, everything is where it is.
@@ -97,7 +97,7 @@ def test_where_points_are_at_the_goal(hand_made_recording: Recording) -> None:
     assert there.at_goal([(30.0, 13.0), (33.0, 18.0)]) == [pytest.approx((30, 13)), pytest.approx((33, 18))]
 
 
-def test_a_part_of_a_body_has_a_role(hand_made_recording: Recording) -> None:
+def test_simulated_label_of_part_of_body(hand_made_recording: Recording) -> None:
     # The right part of the box, from its middle column on, is the object; then what is within 1 cm the target.
     parts = (
         RolePart("box", SceneRole.OBJECT, lower=(-0.001, -INFINITE, -INFINITE)),
@@ -112,7 +112,7 @@ def test_a_part_of_a_body_has_a_role(hand_made_recording: Recording) -> None:
     assert label(frame, 30, 15) is None  # the tile has no role now
 
 
-def test_a_folded_cloth(folded_cloth: Recording) -> None:
+def test_simulated_frame_of_folded_cloth(folded_cloth: Recording) -> None:
     flat, folded = (SimulatedFrame(folded_cloth, frame) for frame in (0, 1))
     # Column 20 + x / 1.25 cm, row 15 - y / 1.25 cm.
     assert label(flat, 22, 9, 0) is OBJECT
@@ -128,7 +128,7 @@ def test_a_folded_cloth(folded_cloth: Recording) -> None:
     assert flat.goal_pixel_m == pytest.approx(0.99 / 80)
 
 
-def test_all_frames_have_labels_and_no_others(hand_made_recording: Recording) -> None:
+def test_simulated_labels(hand_made_recording: Recording) -> None:
     labels = SimulatedLabels(hand_made_recording, "made up, robot")
     assert (labels.first_frame, labels.last_frame, labels.name) == (0, 1, "made up, robot")
     assert labels.at(-1) is None
