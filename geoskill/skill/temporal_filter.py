@@ -49,7 +49,7 @@ PATIENCE = 2.0
 # wrong associations stay: they are rarely detected again (docs/experiments/switches.md).
 MAX_MISSED_FRAMES = 3
 # Penalty of associations whose nodes move together, in standard deviations of the frame's scores. Scores of look-alikes
-# differ by less than 1; the best score is 3 to 6 above the mean, and stays so where nothing looks like it.
+# differ by less than that, while a best score without look-alikes stays the best (docs/experiments/co-motion.md).
 CO_MOTION_PENALTY = 2.0
 
 

@@ -104,13 +104,12 @@ def _block_heights(scale: Scale, counts: Sequence[int], available: int) -> tuple
 
 def _draw_block(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, block: Block) -> None:
     size, width = 0.43 * scale.unit, canvas.shape[1]
-    error, unit, norm = (), "", ""
-    components = "no instance"
+    norm, components = "", "no instance"
     if block.associations:
         top = block.associations[0]
-        error, unit = top.error, f" {top.unit}".rstrip()
-        norm = f"|E| = {_decimals(math.hypot(*error))}{unit}"
-        components = f"E = ({', '.join(_decimals(component, '+') for component in error)}){unit}"
+        unit = f" {top.unit}".rstrip()
+        norm = f"|E| = {_decimals(math.hypot(*top.error))}{unit}"
+        components = f"E = ({', '.join(_decimals(component, '+') for component in top.error)}){unit}"
     norm_left = width - text_size(norm, size)[0]
     heading_size = 0.5 * scale.unit
     draw_text(
