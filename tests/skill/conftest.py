@@ -1,4 +1,4 @@
-"""A skill with weights that nothing has taught."""
+"""Fixtures: an untrained skill."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from geoskill.skill.spec import build
 
 @pytest.fixture(scope="session")
 def checkpoint(description: dict[str, Any]) -> dict[str, Any]:
-    """What a training run stores, as far as a skill needs it."""
+    """Return the part of a training run's checkpoint that a skill needs."""
     members = build(description, seed=3).members
     for member in members.values():
         member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
