@@ -119,7 +119,7 @@ def train(cfg: DictConfig) -> None:
                 parts.pipelines,
                 parts.members,
                 gap=cfg.demonstration.gap,
-                horizon=cfg.demonstration.horizon,
+                max_span_ratio=cfg.demonstration.horizon,
                 num_negatives=cfg.demonstration.num_negatives,
                 progress=show_progress,
                 name=recording.source.name,
