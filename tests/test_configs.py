@@ -211,7 +211,7 @@ def test_the_paper_taken_literally() -> None:
     assert instantiate(cfg.objective) == ObjectiveSettings(
         sigma0=0.55,
         rsw_weight=0.1,
-        alternatives=10,
+        top_k=10,
         reward="frame",
         change="absolute",
         error_reduction="vector",

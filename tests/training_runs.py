@@ -69,7 +69,7 @@ class Training:
         parts = build(description)
         self.pipelines = parts.pipelines
         self.demonstration = Demonstration(
-            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, num_negatives=0, progress=in_silence
+            frames, parts.pipelines, parts.members, gap=2, max_span_ratio=0.6, num_negatives=0, progress=in_silence
         )
 
     def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:
@@ -84,9 +84,9 @@ class Training:
         feature_dropout: float = 0.2,
         **objective: Any,
     ) -> SkillTraining:
-        """Members, their reward scale fitted, with an objective that has 3 alternatives."""
+        """Members, their reward scale fitted, with a top_k of 3 in the objective."""
         members = self.members() if members is None else members
-        settings = ObjectiveSettings(**{"alternatives": 3, **objective})
+        settings = ObjectiveSettings(**{"top_k": 3, **objective})
         fit_reward_scale(members, self.demonstration, settings)
         return SkillTraining(
             members,
