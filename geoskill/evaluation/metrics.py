@@ -17,7 +17,7 @@ from geoskill.evaluation.goal import STRICT_M, GoalVerdict, judge_at_goal
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Region
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.skill.association import Association, InferenceResult, Node
 
@@ -219,8 +219,7 @@ def _member_features(result: InferenceResult, kernel: Kernel, descriptor: str) -
 
 
 def _centers(features: FeatureSet) -> list[tuple[float, float]]:
-    centers = features.geometry.reshape(len(features), features.node_type.geometry_dim // 2, 2).mean(axis=1)
-    return [(float(x), float(y)) for x, y in centers]
+    return [(float(x), float(y)) for x, y in centers(features.geometry)]
 
 
 def _mean(values: Iterable[float]) -> float | None:

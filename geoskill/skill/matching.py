@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.segments import distance_to_segment
 from geoskill.kernels.kernel import Kernel, automorphisms
 from geoskill.skill.association import Node
 
@@ -53,17 +53,10 @@ def is_same_feature(
         return False
     if expected.node_type is NodeType.POINT:
         return math.dist(expected.coordinates, found.coordinates) <= tolerance_px
-    first, second = (np.reshape(node.coordinates, (2, 2)).astype(np.float64) for node in (expected, found))
-    apart = min(_distance_to_segment(second.mean(axis=0), first), _distance_to_segment(first.mean(axis=0), second))
-    along, other = first[1] - first[0], second[1] - second[0]
+    segments = np.array([expected.coordinates, found.coordinates], np.float64)
+    apart = distance_to_segment(centers(segments), segments[::-1]).min()
+    along, other = segments[:, 2:] - segments[:, :2]
     cross, dot = along[0] * other[1] - along[1] * other[0], along @ other
     # abs folds the order of the end points away; atan2 of two zeros is 0.
     angle_deg = math.degrees(math.atan2(abs(cross), abs(dot)))
     return bool(apart <= tolerance_px and angle_deg <= tolerance_deg)
-
-
-def _distance_to_segment(point: Float64[np.ndarray, "2"], segment: Float64[np.ndarray, "2 2"]) -> float:
-    start, along = segment[0], segment[1] - segment[0]
-    squared_length = float(along @ along)
-    share = 0.0 if squared_length == 0.0 else min(1.0, max(0.0, float((point - start) @ along) / squared_length))
-    return float(np.linalg.norm(point - (start + share * along)))
