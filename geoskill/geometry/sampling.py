@@ -10,8 +10,8 @@ POINTS_PER_CALL = 30000
 
 def sample_bilinear(
     field: Float32[np.ndarray, "height width *channels"], xy: Float32[np.ndarray, "*points 2"]
-) -> Float32[np.ndarray, "*points *channels"]:
-    """Return the values of a picture or field at points, interpolated between the four pixels around each point.
+) -> Float32[np.ndarray, "..."]:
+    """Return the values of a picture or field at points ([*points, *channels]), interpolated between four pixels.
 
     OpenCV interpolates in steps of 1/32 pixel. Outside the picture the value of the nearest border pixel is returned.
 
