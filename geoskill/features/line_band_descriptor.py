@@ -123,7 +123,7 @@ def _sample(
     """Return the gradient at ``x + i y`` of the picture, interpolated bilinearly; zero outside the border.
 
     Not ``scipy.ndimage.map_coordinates``, which takes three times as long and rounds differently
-    (docs/experiments/features.md); nor ``cv2.remap``, which interpolates in steps of 1/32 pixel.
+    (docs/experiments/features.md); nor ``cv2.remap``, which interpolates two channels in steps of 1/32 pixel.
     """
     height, width = gradient.shape
     x = np.clip(positions.real + 1, 0, width - 1)

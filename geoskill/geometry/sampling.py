@@ -13,7 +13,8 @@ def sample_bilinear(
 ) -> Float32[np.ndarray, "..."]:
     """Return the values of a picture or field at points ([*points, *channels]), interpolated between four pixels.
 
-    OpenCV interpolates in steps of 1/32 pixel. Outside the picture the value of the nearest border pixel is returned.
+    Depending on its version and the number of channels, OpenCV interpolates in steps of 1/32 pixel. Outside the picture
+    the value of the nearest border pixel is returned.
 
     Args:
         field: one or more channels.

@@ -61,8 +61,8 @@ def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
 
 
 def distance_to_segment(
-    points: Float[np.ndarray, "*batch 2"], segments: Float[np.ndarray, "*batch 4"]
-) -> Float[np.ndarray, "*batch"]:
+    points: Float[np.ndarray, "*#batch 2"], segments: Float[np.ndarray, "*#batch 4"]
+) -> Float[np.ndarray, "..."]:
     """Return the distance in pixels from points to segments (NumPy), not to their carrier lines.
 
     Args:
