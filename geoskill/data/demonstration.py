@@ -26,7 +26,7 @@ from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, 
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.motion import Displacement
-from geoskill.tracking.tracks import chain_motions, neighbor_flows
+from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 
 # Features of a frame that are observed: what is fitted to thousands of transitions does not need the instances of more.
@@ -115,7 +115,7 @@ class Demonstration(Transitions):
                 )
         flows = neighbor_flows(frames, gap, progress, threads)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
-            name: chain_motions(found, flows, gap, self._spans) for name, found in self._features.items()
+            name: chain_displacements(found, flows, gap, self._spans) for name, found in self._features.items()
         }
         self._num_negatives = num_negatives
         wanted = pipelines if num_negatives > 0 else {}

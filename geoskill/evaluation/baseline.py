@@ -9,12 +9,13 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32
 
 from geoskill.evaluation.goal import STRICT_M
 from geoskill.simulation.ground_truth import FrameTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
+from geoskill.tracking.flow import lucas_kanade
 
 PAIRS = 10
 # A tracker that comes back elsewhere when it is run backwards has slipped, in pixels.
@@ -86,16 +87,7 @@ def _track(recording: Recording, points: Points) -> tuple[Points, np.ndarray]:
     before = cv2.cvtColor(recording.picture(0), cv2.COLOR_RGB2GRAY)
     for frame in range(1, len(recording)):
         after = cv2.cvtColor(recording.picture(frame), cv2.COLOR_RGB2GRAY)
-        moved, found = _flow(before, after, points)
-        back, returned = _flow(after, before, moved)
-        alive &= found & returned & (np.linalg.norm(back - points, axis=1) <= SLIP_PX)
-        points, before = moved, after
+        points, consistent = lucas_kanade(points, before, after, SLIP_PX)
+        alive &= consistent
+        before = after
     return points, alive
-
-
-def _flow(
-    start: UInt8[np.ndarray, "height width"], end: UInt8[np.ndarray, "height width"], points: Points
-) -> tuple[Points, np.ndarray]:
-    guess = points[:, None].copy()  # OpenCV writes into it
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(start, end, points[:, None], guess, winSize=(21, 21), maxLevel=3)
-    return moved[:, 0], status[:, 0] == 1

@@ -30,7 +30,7 @@ from geoskill.skill.association import Association, InferenceResult, Node, follo
 from geoskill.skill.matching import is_same_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
-from geoskill.tracking.appearance import are_alike, patches_at
+from geoskill.tracking.appearance import matches, patches_at
 from geoskill.tracking.co_motion import CoMotionDetector
 from geoskill.tracking.flow import track_sparse
 
@@ -132,7 +132,7 @@ class TemporalFilter:
             return None
         instance = _find(scored, nodes)
         if instance is None:
-            hidden = any(not are_alike(*pair) for pair in zip(kept.looks, _looks(nodes, gray), strict=True))
+            hidden = any(not matches(*pair) for pair in zip(kept.looks, _looks(nodes, gray), strict=True))
             if hidden or kept.missed == LONGEST_MISS:
                 return None
             association = replace(kept.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
