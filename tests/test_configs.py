@@ -114,7 +114,7 @@ def test_descriptors(name: str) -> None:
     extractors = {key: instantiate(node) for key, node in compose("train", [f"descriptor={name}"]).descriptor.items()}
     assert list(extractors) == [name]
     assert isinstance(extractors[name], FeatureExtractor)
-    assert type(extractors[name]).__name__.lower() == name.replace("_", "")
+    assert extractors[name].name == name
 
 
 def test_the_usual_descriptors_serve_every_kernel() -> None:

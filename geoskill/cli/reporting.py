@@ -128,7 +128,7 @@ def extracted_ahead(
     def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
         return frame, skill.extract(frame.image)
 
-    return prefetch_map(extract, frames, threads=threads, ahead=1 if live else None)
+    return prefetch_map(extract, frames, threads=threads, max_prefetch=1 if live else None)
 
 
 def association_lines(

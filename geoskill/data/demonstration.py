@@ -26,7 +26,7 @@ from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, 
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.motion import Displacement
-from geoskill.tracking.tracks import chain_motions, neighbor_flows
+from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 
 # Limit of features per type in a frame for statistics that are fitted to all transitions, which do not need more.
@@ -110,7 +110,7 @@ class Demonstration(Transitions):
         self._require_instances(name)
         flows = neighbor_flows(frames, gap, progress, threads)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
-            extractor: chain_motions(features, flows, gap, self._spans)
+            extractor: chain_displacements(features, flows, gap, self._spans)
             for extractor, features in self._features.items()
         }
         self._num_negatives = num_negatives

@@ -69,12 +69,12 @@ def append_negatives(
 ) -> tuple[FeatureSet, Displacement, Trajectory]:
     """Return a frame's features with negatives after them, which are neither tracked nor known at any other time."""
     count = len(negatives)
-    weakest = features.strength[-1] if len(features) else 0.0
+    weakest = features.scores[-1] if len(features) else 0.0
     joined = FeatureSet(
         features.node_type,
         np.concatenate([features.descriptors, negatives.descriptors]),
         np.concatenate([features.geometry, negatives.geometry]),
-        np.concatenate([features.strength, np.full(count, weakest, np.float32)]),
+        np.concatenate([features.scores, np.full(count, weakest, np.float32)]),
     )
     geometry = torch.from_numpy(negatives.geometry)
     anchors = trajectory.anchor_xy.shape[1]

@@ -9,12 +9,13 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32
 
 from geoskill.evaluation.goal import STRICT_M
 from geoskill.simulation.ground_truth import FrameGroundTruth, SurfacePoint, goal_pixel_m, goal_pixels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
+from geoskill.tracking.flow import lucas_kanade
 
 PAIRS = 10
 # Largest distance in pixels between a point and itself after tracking forward and backward; beyond it, it has slipped.
@@ -91,16 +92,7 @@ def _track(recording: Recording, points: Points) -> tuple[Points, Bool[np.ndarra
     before = cv2.cvtColor(recording.picture(0), cv2.COLOR_RGB2GRAY)
     for frame in range(1, len(recording)):
         after = cv2.cvtColor(recording.picture(frame), cv2.COLOR_RGB2GRAY)
-        tracked, tracked_forward = _flow(before, after, points)
-        back, tracked_back = _flow(after, before, tracked)
-        alive &= tracked_forward & tracked_back & (np.linalg.norm(back - points, axis=1) <= SLIP_PX)
-        points, before = tracked, after
+        points, consistent = lucas_kanade(points, before, after, SLIP_PX)
+        alive &= consistent
+        before = after
     return points, alive
-
-
-def _flow(
-    start: UInt8[np.ndarray, "height width"], end: UInt8[np.ndarray, "height width"], points: Points
-) -> tuple[Points, Bool[np.ndarray, " n"]]:
-    guess = points[:, None].copy()  # OpenCV writes into it
-    tracked, status, _ = cv2.calcOpticalFlowPyrLK(start, end, points[:, None], guess, winSize=(21, 21), maxLevel=3)
-    return tracked[:, 0], status[:, 0] == 1

@@ -17,7 +17,7 @@ from geoskill.evaluation.goal import STRICT_M, GoalResult, evaluate_at_goal
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
 from geoskill.simulation.roles import SceneRole
@@ -231,8 +231,7 @@ def _member_features(result: InferenceResult, member: KernelModel) -> dict[NodeT
 
 
 def _centers(features: FeatureSet) -> list[tuple[float, float]]:
-    centers = features.geometry.reshape(len(features), features.node_type.geometry_dim // 2, 2).mean(axis=1)
-    return [(float(x), float(y)) for x, y in centers]
+    return [(float(x), float(y)) for x, y in centers(features.geometry)]
 
 
 def _mean(values: Iterable[float]) -> float | None:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
 
 
 @final
@@ -37,7 +37,7 @@ class Node:
     @property
     def center(self) -> tuple[float, float]:
         """The point itself, or the midpoint of the segment, in pixels."""
-        xy = np.reshape(self.coordinates, (-1, 2)).mean(axis=0)
+        xy = centers(np.array([self.coordinates], np.float64))[0]
         return float(xy[0]), float(xy[1])
 
     def as_json(self) -> dict[str, Any]:

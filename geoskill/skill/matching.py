@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.segments import distance_to_segment
 from geoskill.kernels.kernel import Kernel, automorphisms
 from geoskill.skill.association import Node
 
@@ -61,18 +61,11 @@ def is_same_feature(
         return False
     if first.node_type is NodeType.POINT:
         return math.dist(first.coordinates, second.coordinates) <= tolerance_px
-    segment, other = (np.reshape(node.coordinates, (2, 2)).astype(np.float64) for node in (first, second))
-    distance = min(_distance_to_segment(other.mean(axis=0), segment), _distance_to_segment(segment.mean(axis=0), other))
-    direction, other_direction = segment[1] - segment[0], other[1] - other[0]
+    segments = np.array([first.coordinates, second.coordinates], np.float64)
+    distance = distance_to_segment(centers(segments), segments[::-1]).min()
+    direction, other_direction = segments[:, 2:] - segments[:, :2]
     cross = direction[0] * other_direction[1] - direction[1] * other_direction[0]
     dot = direction @ other_direction
     # The absolute values make the order of the end points irrelevant; atan2(0, 0) is 0.
     angle_deg = math.degrees(math.atan2(abs(cross), abs(dot)))
     return bool(distance <= tolerance_px and angle_deg <= tolerance_deg)
-
-
-def _distance_to_segment(point: Float64[np.ndarray, "2"], segment: Float64[np.ndarray, "2 2"]) -> float:
-    start, along = segment[0], segment[1] - segment[0]
-    squared_length = float(along @ along)
-    fraction = 0.0 if squared_length == 0.0 else min(1.0, max(0.0, float((point - start) @ along) / squared_length))
-    return float(np.linalg.norm(point - (start + fraction * along)))

@@ -36,7 +36,7 @@ from geoskill.skill.association import Association, InferenceResult, Node, track
 from geoskill.skill.matching import is_same_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
-from geoskill.tracking.appearance import are_alike, patches_at
+from geoskill.tracking.appearance import matches, patches_at
 from geoskill.tracking.co_motion import CoMotionDetector
 from geoskill.tracking.flow import track_sparse
 
@@ -152,7 +152,7 @@ class TemporalFilter:
         instance = _find(scored, nodes)
         if instance is None:
             occluded = any(
-                not are_alike(before, now)
+                not matches(before, now)
                 for before, now in zip(selected.appearance, _appearance(nodes, gray), strict=True)
             )
             if occluded or selected.missed == MAX_MISSED_FRAMES:
