@@ -41,11 +41,11 @@ class FeaturePipeline:
         cache: FeatureCache | None = None,
     ) -> None:
         if max_features < 2:
-            raise InputError(f"features.max_features={max_features}: expected at least 2")
+            raise InputError(f"max_features={max_features}: expected at least 2")
         if min_side < 0:
-            raise InputError(f"features.min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
+            raise InputError(f"min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
         if color < 0:
-            raise InputError(f"features.color={color}: expected 0 (none) or more")
+            raise InputError(f"color={color}: expected 0 (none) or more")
         self.extractor = extractor
         self.max_features = max_features
         self.min_side = min_side

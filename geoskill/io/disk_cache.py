@@ -53,7 +53,7 @@ class DiskCache:
 
     def __init__(self, folder: str | Path | None = None, limit_mb: float = 2000.0) -> None:
         if not limit_mb > 0:
-            raise InputError(f"cache.limit_mb={limit_mb}: expected a positive number of megabytes")
+            raise InputError(f"limit_mb={limit_mb}: expected a positive number of megabytes")
         self.folder = Path(folder) if folder else default_folder()
         self.limit_bytes = limit_mb * 1e6
         # Bytes since the last scan of the folder. It may be full of earlier runs' files, so the first write scans it.
