@@ -60,10 +60,10 @@ def count_pixels(recording: Recording, frame: int, role: SceneRole, step: int = 
     rows, columns = np.mgrid[:HEIGHT:step, :WIDTH:step].reshape(2, -1)
     body_ids = recording.body_ids(frame)[rows, columns]
     bodies = [part.body for part in recording.roles if part.role is role]
-    has_role = np.isin(body_ids, [recording.bodies.index(body) for body in bodies])
-    if recording.cloth is not None and recording.cloth.name in bodies:  # or a part of it
-        has_role = body_ids == -1
-    points = FrameGroundTruth(recording, frame).at(np.column_stack([columns, rows])[has_role])
+    candidates = np.isin(body_ids, [recording.bodies.index(body) for body in bodies])
+    if recording.cloth is not None and recording.cloth.name in bodies:  # only parts of it have the role
+        candidates = body_ids == -1
+    points = FrameGroundTruth(recording, frame).at(np.column_stack([columns, rows])[candidates])
     return sum(point is not None and point.role is role for point in points)
 
 
