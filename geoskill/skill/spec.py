@@ -9,7 +9,7 @@
     features:   {max_features: 60, min_side: 480, color: 8.0}
     top_k: 10
 
-A checkpoint may come from a stranger. Everything in it is read as plain values into the dataclasses below, with types
+A checkpoint may come from anybody. Everything in it is read as plain values into the dataclasses below, with types
 checked and unknown names refused; classes are found by name in the registries of :mod:`geoskill.plugins`.
 """
 

@@ -1,4 +1,4 @@
-"""A checkpoint from a negative: nothing in it is ever called, imported or opened."""
+"""A checkpoint from somebody else: nothing in it is ever called, imported or opened."""
 
 import contextlib
 import copy
