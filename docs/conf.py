@@ -1,0 +1,53 @@
+"""Sphinx configuration: Markdown pages by MyST, the API from docstrings, furo as the theme."""
+
+import sys
+from pathlib import Path
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+import generate  # noqa: E402  (found only once the folder is on the path)
+
+project = "geoskill"
+author = "The geoskill developers"
+project_copyright = author
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["_generated/configuration.md"]  # included by usage/configuration.md
+html_theme = "furo"
+html_title = "geoskill"
+html_show_sphinx = False
+
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+
+autodoc_default_options = {"members": True, "undoc-members": False, "show-inheritance": True}
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+maximum_signature_line_length = 100
+
+
+def _visit_math(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(latex2mathml.tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _visit_math_block(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Generate pages before Sphinx looks for them; write equations as MathML, which needs no script from a network."""
+    generate.main()
+    app.add_html_math_renderer("mathml", (_visit_math, None), (_visit_math_block, None))
+    app.config.html_math_renderer = "mathml"
