@@ -4,14 +4,17 @@ import sys
 from pathlib import Path
 
 from docutils import nodes
-from docutils.utils.math import latex2mathml
+from docutils.utils.math import MathError, latex2mathml
 from sphinx.application import Sphinx
+from sphinx.util import logging
 from sphinx.writers.html5 import HTML5Translator
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import generate  # noqa: E402  (found only once the folder is on the path)
+
+logger = logging.getLogger(__name__)
 
 project = "geoskill"
 author = "The geoskill developers"
@@ -36,14 +39,22 @@ napoleon_use_rtype = False
 maximum_signature_line_length = 100
 
 
-def _visit_math(self: HTML5Translator, node: nodes.math) -> None:
-    self.body.append(latex2mathml.tex2mathml(node.astext()))
+def _write_math(self: HTML5Translator, node: nodes.Element, as_block: bool) -> None:
+    try:
+        markup = latex2mathml.tex2mathml(node.astext(), as_block=as_block)
+    except MathError as error:
+        logger.warning("equation: %s", error, location=node)
+        markup = ""
+    self.body.append(f'<div class="math">{markup}</div>' if as_block else markup)
     raise nodes.SkipNode
+
+
+def _visit_math(self: HTML5Translator, node: nodes.math) -> None:
+    _write_math(self, node, as_block=False)
 
 
 def _visit_math_block(self: HTML5Translator, node: nodes.math_block) -> None:
-    self.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>')
-    raise nodes.SkipNode
+    _write_math(self, node, as_block=True)
 
 
 def setup(app: Sphinx) -> None:
