@@ -55,9 +55,7 @@ def test_pages_that_the_source_mentions_exist() -> None:
 def test_pages_are_in_the_table_of_contents() -> None:
     listed = {DOCS / "index.md"}
     for page in PAGES:
-        for block in re.findall(
-            r"^```\{toctree\}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
-        ):
+        for block in TOCTREE.findall(page.read_text(encoding="utf-8")):
             listed |= {page.parent / f"{line}.md" for line in block.split() if not line.startswith(":")}
     assert [_name(page) for page in PAGES if page not in listed] == []
 
