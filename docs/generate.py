@@ -36,11 +36,12 @@ TOP_LEVEL = ("config", "plugins", "testing", "schema", "errors")
 
 
 def configuration() -> str:
-    """The reference of all configuration keys, from ``geoskill.config.markdown_reference()`` where there is one."""
-    with contextlib.suppress(ImportError):
-        config = importlib.import_module("geoskill.config")
-        if hasattr(config, "markdown_reference"):
-            return str(config.markdown_reference())
+    """Return the reference of all configuration keys, from ``markdown_reference()`` where the package has it."""
+    for name in ("geoskill.config", "geoskill.cli.schemas"):
+        with contextlib.suppress(ImportError):
+            module = importlib.import_module(name)
+            if hasattr(module, "markdown_reference"):
+                return str(module.markdown_reference())
     shown = subprocess.run(
         [sys.executable, str(ROOT / "train.py"), "--cfg", "job"], cwd=ROOT, check=True, capture_output=True, text=True
     )
@@ -48,14 +49,14 @@ def configuration() -> str:
 
 
 def modules(room: str) -> list[str]:
-    """The public modules of a room, by their dotted names."""
+    """Return the public modules of a room, by their dotted names."""
     paths = sorted((ROOT / "geoskill" / room).rglob("*.py"))
     names = [path.relative_to(ROOT).with_suffix("").parts for path in paths]
     return [".".join(parts) for parts in names if not any(part.startswith("_") for part in parts)]
 
 
 def api_page(title: str, names: list[str]) -> str:
-    """A page that documents these modules."""
+    """Return a page that documents these modules."""
     parts = [f"# {title}"]
     for name in names:
         parts.append(f"## {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```")
@@ -63,7 +64,7 @@ def api_page(title: str, names: list[str]) -> str:
 
 
 def api_pages() -> dict[str, str]:
-    """The API pages by the names of their files."""
+    """Return the API pages by the names of their files."""
     pages = {}
     top = [f"geoskill.{name}" for name in TOP_LEVEL if _exists(name)]
     pages["top_level.md"] = api_page("Top level: configuration, plug-ins, errors", top)
