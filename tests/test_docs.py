@@ -1,5 +1,6 @@
 """The documentation's sizes, links and examples; ``make docs`` builds it."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -75,3 +76,20 @@ def test_pictures_are_used() -> None:
 def test_python_examples_compile(page: Path) -> None:
     for block in PYTHON.findall(page.read_text(encoding="utf-8")):
         compile(block, _name(page), "exec")
+
+
+def test_plug_in_examples_pass_their_own_tests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("geoskill.testing")
+    blocks = PYTHON.findall((DOCS / "usage" / "extending.md").read_text(encoding="utf-8"))
+    package = tmp_path / "geoskill_extras"
+    package.mkdir()
+    for name in ("__init__", "perp", "test_perp", "corners", "test_corners"):
+        (package / f"{name}.py").write_text("" if name == "__init__" else blocks.pop(0), encoding="utf-8")
+    assert not blocks
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("test_perp", "test_corners"):
+        examples = vars(importlib.import_module(f"geoskill_extras.{name}"))
+        tests = [value for key, value in examples.items() if key.startswith("test_")]
+        assert len(tests) == 3
+        for test in tests:
+            test()
