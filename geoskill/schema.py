@@ -129,11 +129,16 @@ def markdown_table(schema: type, prefix: str = "") -> str:
     for key, settings_field, hint in flatten(schema, prefix):
         default = default_of(settings_field)
         simple = default is None or isinstance(default, bool | int | float | str)
-        shown = {None: "null", True: "true", False: "false"}.get(default, default) if simple else "see the group"
+        shown = _as_yaml(default) if simple else "see the group"
         lines.append(
             f"| `{key}` | `{shown}` | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _as_yaml(value: Any) -> str:
+    words = {None: "null", True: "true", False: "false"}
+    return words[value] if value is None or isinstance(value, bool) else str(value)
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:
