@@ -48,7 +48,7 @@ def run_command(name: str, job: Callable[[DictConfig], None]) -> None:
             job(cfg)
 
         if HydraConfig.get().mode == RunMode.MULTIRUN:
-            _record_failure(work, Path(HydraConfig.get().runtime.output_dir) / FAILED_RUN)
+            record_failure(work, Path(HydraConfig.get().runtime.output_dir) / FAILED_RUN)
         else:
             _exit_on_error(work)  # here, for Hydra would print a line of its own
 
@@ -94,7 +94,8 @@ def _exit_on_error(work: Callable[[], None]) -> None:
         sys.exit(INTERRUPTED)
 
 
-def _record_failure(work: Callable[[], None], path: Path) -> None:
+def record_failure(work: Callable[[], None], path: Path) -> None:
+    """Run one job of several; if it fails, write exit status and message to ``path`` and return."""
     path.unlink(missing_ok=True)
     try:
         work()
