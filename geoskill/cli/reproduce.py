@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ from geoskill.errors import InputError
 
 if TYPE_CHECKING:
     from geoskill.evaluation.tables import Scores
+
+log = logging.getLogger(__name__)
 
 BASELINE = "hand-picked trackers"
 
@@ -78,10 +81,13 @@ def launch(numbers: Sequence[int], at_once: int) -> None:
 
 
 def perform_job(cfg: DictConfig) -> None:
-    """Perform job number ``cfg.job``; a failure is left in its folder."""
+    """Perform job number ``cfg.job``; a failure is logged and left in its folder."""
     job = _open(cfg)[2][cfg.job]
-    job.training.folder.mkdir(parents=True, exist_ok=True)
-    record_failure(job.perform, job.training.folder / FAILED_RUN)
+    failure = job.training.folder / FAILED_RUN
+    failure.parent.mkdir(parents=True, exist_ok=True)
+    record_failure(job.perform, failure)
+    if failure.exists():
+        log.error("%s: failed with status %s", job.name, failure.read_text(encoding="utf-8").strip())
 
 
 def write_tables(folder: Path, study: Study, scores: Scores, curves: dict[str, list[Path]]) -> None:

@@ -98,7 +98,7 @@ def test_a_step_is_complete_with_its_metrics(tmp_path: Path) -> None:
 def test_results_of_other_settings_are_refused(tmp_path: Path) -> None:
     begin(study().jobs(tmp_path, quick=False)[0].tests["human"])
     changed = study(every=2).jobs(tmp_path, quick=False)[0]
-    with pytest.raises(InputError, match="was begun with every=4; expected every=2, or another hydra.run.dir"):
+    with pytest.raises(InputError, match=r"was begun with every=4; expected every=2, or another hydra\.run\.dir"):
         changed.is_complete()
 
 
