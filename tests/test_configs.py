@@ -17,6 +17,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from geoskill.cli.command import configuration_folder
+from geoskill.cli.study import Study
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
@@ -273,17 +274,30 @@ def test_scenarios(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ARTIFACTS)
-def test_every_training_and_test_of_an_artifact_composes(name: str) -> None:
-    artifact = OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True)
-    assert isinstance(artifact, dict)
-    for row, overrides in artifact["rows"].items():
-        training = [*artifact["train"], *overrides]
-        compose("train", [*training, "trainer.max_epochs=2", "seed=0", "threads=1", "logger=none"])
-        learned = [override for override in training if override.startswith("task=") and override != "task=video"]
-        for test in artifact["tests"].values():
-            compose("evaluate", [*learned[-1:], *test, "every=10"])
-        assert set(artifact["published"].get(row, {})) <= set(artifact["tests"])
-    assert len(set(artifact["seeds"])) >= 3
+def test_every_training_and_test_set_of_a_study_composes(name: str, tmp_path: Path) -> None:
+    for folder in ("human1", "robot1"):
+        (tmp_path / folder).mkdir()
+    cfg = compose("reproduce", [f"artifact={name}"])
+    if "data" in cfg.artifact:
+        cfg.artifact.data = str(tmp_path)
+    study = Study.from_config(cfg.artifact)
+    assert study.name == name
+    for job in study.jobs(tmp_path, quick=True):
+        compose("train", list(job.training.overrides))
+        for test in job.tests.values():
+            compose("evaluate", list(test.overrides))
+    assert all(set(published) <= set(study.test_sets) for published in study.published.values())
+    assert len(set(study.seeds)) >= 3
+
+
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("ablation_")])
+def test_ablations_are_the_same_as_an_experiment_and_as_a_study(name: str) -> None:
+    swept = dict(compose("train", [f"experiment={name}"], return_hydra_config=True).hydra.sweeper.params)
+    study = Study.from_config(compose("reproduce", [f"artifact={name}"]).artifact)
+    assert swept.pop("seed").split(",") == [str(seed) for seed in study.seeds]
+    [(key, values)] = swept.items()
+    assert list(study.variants.values()) == [[f"{key}={value}"] for value in values.split(",")]
+    assert list(study.variants) == [f"{key}={value}" for value in values.split(",")]
 
 
 @pytest.mark.parametrize("group", GROUPS)

@@ -69,7 +69,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             job(typed(cfg, schema), run)
 
         if run.is_multirun:
-            _record_failure(work, name, run.folder / FAILED_RUN)
+            record_failure(work, name, run.folder / FAILED_RUN)
         else:
             _exit_on_error(work, name)  # here, for Hydra would print a line of its own
 
@@ -146,7 +146,8 @@ def _exit_on_error(work: Callable[[], None], command: str) -> None:
         sys.exit(INTERRUPTED)
 
 
-def _record_failure(work: Callable[[], None], command: str, path: Path) -> None:
+def record_failure(work: Callable[[], None], command: str, path: Path) -> None:
+    """Run one job of several; if it fails, write exit status and message to ``path`` and return."""
     path.unlink(missing_ok=True)
     try:
         work()
