@@ -1,7 +1,7 @@
 """A factorized select-out: per-feature encoders, scores as inner products."""
 
 from collections.abc import Mapping
-from typing import final
+from typing import ClassVar, final
 
 import torch
 from jaxtyping import Float, Int64
@@ -28,6 +28,8 @@ class Bilinear(InstanceScorer):
     Raises:
         InputError: when ``hidden_dim`` is below 1.
     """
+
+    name: ClassVar[str] = "bilinear"
 
     def __init__(self, motif: Motif, *, hidden_dim: int) -> None:
         super().__init__()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, final
+from typing import ClassVar, NamedTuple, final
 
 import torch
 from jaxtyping import Float, Int64
@@ -165,6 +165,8 @@ class MessagePassing(InstanceScorer):
         InputError: when ``hidden_dim``, ``layers``, ``prototypes`` or ``cascade`` is below 1, ``memory_mb`` is not
             positive, or there is no such precision.
     """
+
+    name: ClassVar[str] = "message_passing"
 
     def __init__(
         self,

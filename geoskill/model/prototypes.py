@@ -14,7 +14,7 @@ function network (Broomhead and Lowe 1988) with a product on top. Not in the pap
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import final
+from typing import ClassVar, final
 
 import torch
 from jaxtyping import Float, Int64
@@ -51,6 +51,8 @@ class PrototypeMixture(InstanceScorer):
     Raises:
         InputError: when a number is below 1.
     """
+
+    name: ClassVar[str] = "prototypes"
 
     def __init__(self, motif: Motif, *, prototypes: int, components: int = 16) -> None:
         super().__init__()

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import final
+from typing import ClassVar, final
 
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
@@ -43,6 +43,8 @@ class InstanceScorer(nn.Module, ABC):
 
     The score does not change when an instance's nodes are listed in the order of another automorphism.
     """
+
+    name: ClassVar[str]
 
     def fit_prototypes(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
         """Keep what it wants of all features of the demonstration, before training. Most want nothing."""
