@@ -133,9 +133,14 @@ class SkillSpec:
             own = mapping_of(member, f"members.{name}", ("kernel", "extractors"))
             feeds = mapping_of(own["extractors"], f"members.{name}.extractors")
             for node_type, extractor in feeds.items():
-                if node_type not in tuple(NodeType) or extractor not in extractors:
+                if node_type not in tuple(NodeType):
                     raise InputError(
-                        f"the skill's members.{name} takes {node_type!r} from {extractor!r}; expected others"
+                        f"the skill's members.{name}.extractors has {node_type!r}; expected {' or '.join(NodeType)}"
+                    )
+                if text_of(extractor, f"members.{name}.extractors.{node_type}") not in extractors:
+                    raise InputError(
+                        f"the skill's members.{name}.extractors.{node_type} is {extractor!r}; expected one of"
+                        f" {', '.join(extractors)}"
                     )
             members[name] = MemberSpec(Part.from_plain(own["kernel"], f"members.{name}.kernel"), feeds)
         top_k = entries["top_k"]

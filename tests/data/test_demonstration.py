@@ -12,7 +12,7 @@ from geoskill.data.demonstration import Demonstration, time_spans
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.prefetch import Progress
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.tracking.flow import track_between
 
 # A `Training` is what the fixtures of conftest.py make; see there.
@@ -66,9 +66,9 @@ def test_every_pair_of_frames_a_span_apart_is_a_transition(demonstration: Demons
 
 
 def test_a_transition_has_both_frames_of_every_member(
-    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
-    pipelines = build(description).pipelines
+    pipelines = build_skill(spec).pipelines
     points = [pipelines["sift"].extract(frame).geometry for frame in demonstration_frames]
     lines = [pipelines["lbd"].extract(frame).geometry for frame in demonstration_frames]
     for index, (t, span) in enumerate(places(demonstration)):
@@ -119,31 +119,31 @@ def test_the_moving_tile_moves_and_the_others_rest(demonstration: Demonstration)
 
 def demonstration_of(
     frames: Sequence[np.ndarray],
-    description: dict[str, Any],
+    spec: SkillSpec,
     gap: int = 2,
     progress: Progress = lambda items, text: items,
 ) -> Demonstration:
     """Transitions over the gap alone, without negatives."""
-    parts = build(description)
+    parts = build_skill(spec)
     return Demonstration(
         frames, parts.pipelines, parts.members, gap=gap, horizon=0.0, num_negatives=0, progress=progress
     )
 
 
-def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
+def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
     told = []
 
     def progress(items: Any, text: str) -> Any:
         told.append((text, len(items)))
         return items
 
-    demonstration_of(demonstration_frames[:4], description, progress=progress)
+    demonstration_of(demonstration_frames[:4], spec, progress=progress)
     assert told == [("extracting features", 4), ("following motion", 2)]
 
 
 @pytest.mark.slow
-def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
-    parts = build(description)
+def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
+    parts = build_skill(spec)
     one, three = (
         Demonstration(
             demonstration_frames[:8],
@@ -169,25 +169,25 @@ def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], de
 def test_frames_without_any_association_are_refused(training_of: Callable[..., Training]) -> None:
     flat = [np.full((60, 80, 3), value, np.uint8) for value in (90, 100, 110, 120)]
     for name, types in (("p2p_sift", "point"), ("p2l_sift_lbd", "point and line")):
-        description = training_of(name).description
+        spec = training_of(name).spec
         with pytest.raises(
             InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
         ):
-            demonstration_of(flat, description)
+            demonstration_of(flat, spec)
 
 
 def test_a_gap_longer_than_the_demonstration_is_refused(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
     with pytest.raises(InputError, match=r"has 5 frames; expected more than demonstration\.gap=5"):
-        demonstration_of(demonstration_frames[:5], description, gap=5)
+        demonstration_of(demonstration_frames[:5], spec, gap=5)
 
 
 def test_of_very_many_features_some_are_observed(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of all strengths, the strongest and the weakest among them; a step has all of them."""
-    found = demonstration_of(demonstration_frames[:4], description)
+    found = demonstration_of(demonstration_frames[:4], spec)
     name = "p2p_sift"
     complete = found.graph_without_negatives(name, 0)
     count = complete.node_count(NodeType.POINT)

@@ -8,15 +8,16 @@ import pytest
 import torch
 from torch import Tensor
 
+from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
-from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, transition_objective
+from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
 
 
-def without_goal(**values: Any) -> ObjectiveSettings:
+def without_goal(**values: Any) -> ObjectiveConfig:
     """The paper's objective, which has no goal term."""
-    return ObjectiveSettings(goal_weight=0.0, **values)
+    return ObjectiveConfig(goal_weight=0.0, **values)
 
 
 def two_frames(
@@ -43,7 +44,7 @@ def likelihood(change: float, beta: float, sigma0: float) -> float:
 
 
 def test_tracked_objective_by_hand() -> None:
-    settings = without_goal(alternatives=1, rsw_weight=0.2)
+    settings = without_goal(top_k=1, rsw_weight=0.2)
     value = transition_objective(settings, 0.6, FIRST, SECOND)
     changes = [-2.5, 0.5, -3.0, -0.5]
     assert float(value.reward) == pytest.approx(sum(-math.tanh(0.3 * c) for c in changes) / 4)
@@ -58,7 +59,7 @@ def test_the_goal_counts_with_its_weight() -> None:
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
-    settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
+    settings = ObjectiveConfig(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
@@ -75,7 +76,7 @@ def test_the_goal_counts_with_its_weight() -> None:
 @pytest.mark.usefixtures("annotations_unchecked")
 def test_a_goal_that_counts_needs_arrivals() -> None:
     with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for .*goal_weight=1\.0"):
-        transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND)
+        transition_objective(ObjectiveConfig(), 0.6, FIRST, SECOND)
     with pytest.raises(ValueError, match="goal_progress has 2 rows for 4 instances; expected as many"):
         replace(FIRST, goal_progress=torch.zeros(2, dtype=torch.float64))
 
@@ -118,7 +119,7 @@ def test_regularizer_alone_sharpens_the_selection() -> None:
     batch = torch.zeros(3, dtype=torch.long)
     zero = torch.zeros(3, dtype=torch.float64)
     frames = FrameSelection(select_out(scores, batch, 1), zero[:, None], zero, batch, 1)
-    transition_objective(without_goal(alternatives=1), 1.0, frames, frames).objective.backward()
+    transition_objective(without_goal(top_k=1), 1.0, frames, frames).objective.backward()
     assert scores.grad is not None
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
@@ -147,7 +148,7 @@ def ragged(counts: list[int], seed: int) -> FrameSelection:
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
     first, second = ragged([3, 0, 7, 1, 0], seed=0), ragged([2, 5, 4, 0, 0], seed=1)
-    settings = without_goal(reward=reward, alternatives=2)
+    settings = without_goal(reward=reward, top_k=2)
     batched = transition_objective(settings, 0.4, first, second)
     single = [transition_objective(settings, 0.4, one_by_one(first, i), one_by_one(second, i)) for i in range(5)]
     for key in ("objective", "reward", "rsw", "error"):
@@ -175,7 +176,7 @@ def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_see
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 @pytest.mark.parametrize("error_reduction", ["norm", "vector"])
 def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any) -> None:
-    settings = without_goal(reward=reward, error_reduction=error_reduction, alternatives=2)
+    settings = without_goal(reward=reward, error_reduction=error_reduction, top_k=2)
     template = ragged([3, 4], seed=3), ragged([5, 2], seed=4)
 
     def objective(first_scores: Tensor, second_scores: Tensor) -> Tensor:
@@ -203,8 +204,8 @@ def test_float32_is_kept() -> None:
 
 
 def test_defaults_are_the_settled_ones() -> None:
-    settings = ObjectiveSettings()
-    assert (settings.sigma0, settings.rsw_weight, settings.alternatives, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
+    settings = ObjectiveConfig()
+    assert (settings.sigma0, settings.rsw_weight, settings.top_k, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
     assert (settings.goal_weight, settings.goal_temperature, settings.goal_scale) == (1.0, 0.1, 200.0)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
 
@@ -213,34 +214,35 @@ def test_defaults_are_the_settled_ones() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("sigma0", 0.0, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", 5e3, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", math.nan, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", "wide", "a standard deviation from 0.001 to 1000"),
-        ("sigma0", None, "a standard deviation from 0.001 to 1000"),
-        ("rsw_weight", -0.1, "a number that is not negative"),
-        ("rsw_weight", math.inf, "a number that is not negative"),
-        ("alternatives", 0, "a whole number of at least 1"),
-        ("alternatives", 2.5, "a whole number of at least 1"),
-        ("alternatives", True, "a whole number of at least 1"),
+        ("sigma0", 0.0, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", 5e3, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", math.nan, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", "wide", "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", None, "a number of at least 0.001 and of at most 1000"),
+        ("rsw_weight", -0.1, "a number of at least 0"),
+        ("rsw_weight", math.inf, "a number of at least 0"),
+        ("top_k", 0, "a whole number of at least 1"),
+        ("top_k", 2.5, "a whole number of at least 1"),
+        ("top_k", True, "a whole number of at least 1"),
         ("value_samples", 0, "a whole number of at least 1"),
         ("gradient_samples", -3, "a whole number of at least 1"),
-        ("beta_scale", 0.0, "a positive number"),
-        ("beta_scale", math.nan, "a positive number"),
-        ("goal_weight", -1.0, "a number that is not negative"),
-        ("goal_temperature", 0.0, "a positive number"),
-        ("goal_temperature", [0.1], "a positive number"),
-        ("goal_scale", math.inf, "a positive number"),
-        ("reward", "both", "one of tracked, frame"),
-        ("error_reduction", "sum", "one of norm, vector"),
-        ("partition", "closed", "one of exact, monte_carlo"),
-        ("partition", ["exact"], "one of exact, monte_carlo"),
+        ("beta_scale", 0.0, "a number above 0"),
+        ("beta_scale", math.nan, "a number above 0"),
+        ("goal_weight", -1.0, "a number of at least 0"),
+        ("goal_temperature", 0.0, "a number above 0"),
+        ("goal_temperature", [0.1], "a number above 0"),
+        ("goal_scale", math.inf, "a number above 0"),
+        ("reward", "both", "tracked or frame"),
+        ("error_reduction", "sum", "norm or vector"),
+        ("partition", "closed", "exact or monte_carlo"),
+        ("partition", ["exact"], "exact or monte_carlo"),
     ],
 )
 def test_bad_settings_name_the_key_the_value_and_what_was_expected(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
-        ObjectiveSettings(**{key: value})
-    assert str(error.value) == f"objective.{key} is {value!r}; expected {expected}"
+        ObjectiveConfig(**{key: value})
+    shown = "null" if value is None else value
+    assert str(error.value) == f"{key}={shown}: expected {expected}"
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
