@@ -37,7 +37,7 @@ def as_sources(demonstrations: Source | Iterable[Source]) -> Sequence[Source] | 
         return [demonstrations]
     if not isinstance(demonstrations, Iterable):
         raise InputError(f"demonstrations={demonstrations!r}: expected {DEMONSTRATIONS}")
-    if isinstance(demonstrations, Sequence) and len(demonstrations) and np.ndim(_picture(demonstrations[0])) == 3:
+    if isinstance(demonstrations, Sequence) and len(demonstrations) and np.ndim(_picture(demonstrations[0])) in (2, 3):
         return [[_picture(picture) for picture in demonstrations]]  # the pictures of one
     return demonstrations
 
