@@ -105,13 +105,13 @@ def opengl() -> None:
 def hand_made_recording() -> "Recording":
     """Two frames seen from 1 m above the table, where a pixel is 1.25 cm wide on the table and 1 cm on top of the box.
 
-    Row 15, column 20 is above the world's origin; x is to the right, y is up in the picture. Column 40 shows nothing.
+    Row 15, column 20 is above the world's origin; x is to the right and y is up in the image. Column 40 shows no body.
 
     - tile (the target), at x = 0.125 on the table: columns 27 to 33, rows 12 to 18.
-    - box (the object), 0.2 m high, its frame on its top: at first at x = -0.08, columns 10 to 14, rows 13 to 17; at
-      the goal at x = 0.1 and a quarter turn counterclockwise: columns 28 to 32 of the same rows.
-    - finger (of the actor), 0.25 m high: columns 11 to 13, rows 9 to 12, just above the box; at the goal in the
-      picture's bottom right corner, columns 38 to 40, rows 28 to 30.
+    - box (the object), 0.2 m high, with its frame on its top: first at x = -0.08, columns 10 to 14, rows 13 to 17; at
+      the goal at x = 0.1, after a quarter turn counterclockwise, columns 28 to 32 of the same rows.
+    - finger (of the agent), 0.25 m high: first columns 11 to 13, rows 9 to 12, just above the box in the image; at the
+      goal in the bottom right corner of the image, columns 38 to 40, rows 28 to 30.
     """
     from geoskill.geometry.camera import PinholeCamera
     from geoskill.geometry.poses import pose, rotation_about
@@ -121,21 +121,21 @@ def hand_made_recording() -> "Recording":
 
     bodies = ["world", "table", "box", "tile", "finger"]
     above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
-    shown, depths = [], []
+    segmentations, depths = [], []
     for box, finger in (
         (np.s_[13:18, 10:15], np.s_[9:13, 11:14]),
         (np.s_[13:18, 28:33], np.s_[28:31, 38:41]),
     ):
-        number, depth = np.full((31, 41), 1, np.uint8), np.full((31, 41), 10000, np.uint16)
-        number[:, 40], depth[:, 40] = 0, 65535
-        for name, where, at in (
+        segmentation, depth = np.full((31, 41), 1, np.uint8), np.full((31, 41), 10000, np.uint16)
+        segmentation[:, 40], depth[:, 40] = 0, 65535
+        for name, area, distance in (
             ("tile", np.s_[12:19, 27:34], 10000),
             ("box", box, 8000),
             ("finger", finger, 7500),
         ):
-            number[where], depth[where] = bodies.index(name) + 2, at
-        number[number == 1] = bodies.index("table") + 2
-        shown.append(encode_png(number))
+            segmentation[area], depth[area] = bodies.index(name) + 2, distance
+        segmentation[segmentation == 1] = bodies.index("table") + 2
+        segmentations.append(encode_png(segmentation))
         depths.append(encode_png(depth))
     still = [pose((0.0, 0.0, 0.0)), pose((0.0, 0.0, 0.0)), pose((0.125, 0.0, 0.0))]
     turned = pose((0.1, 0.0, 0.2), rotation_about(np.array([0.0, 0.0, np.pi / 2])))
@@ -146,7 +146,7 @@ def hand_made_recording() -> "Recording":
     picture = cv2.imencode(".jpg", np.full((31, 41, 3), 90, np.uint8))[1].tobytes()
     return Recording(
         pictures=[picture] * 2,
-        segmentations=shown,
+        segmentations=segmentations,
         depths=depths,
         bodies=bodies,
         poses=np.array(poses),
@@ -162,11 +162,11 @@ def hand_made_recording() -> "Recording":
 
 @pytest.fixture(scope="session")
 def folded_cloth(hand_made_recording: "Recording") -> "Recording":
-    """The same camera over nothing but a square cloth of 10 cm, its near left corner at the origin, at first flat.
+    """Two frames of the same camera above a square cloth of 10 cm, first flat, with its near left corner at the origin.
 
-    It is made of two triangles, below and above the diagonal from the near left to the far right corner. At the goal
-    the far left corner lies 4 cm above the near right one, and the upper triangle bears the mirror image of the lower.
-    The object is what is farther than 5 cm from the near edge, the target the rest.
+    It consists of two triangles, on both sides of the diagonal from the near left to the far right corner. At the goal
+    the far left corner is 4 cm above the near right one, so that the far triangle covers the near one.
+    The object is the part that is farther than 5 cm from the near edge, the target the rest.
     """
     from dataclasses import replace
 
@@ -177,15 +177,15 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
     rest = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     folded = rest.copy()
     folded[3] = [0.1, 0.0, 0.04]
-    number = np.zeros((31, 41), np.uint8)
-    number[7:16, 20:29] = 1
+    segmentation = np.zeros((31, 41), np.uint8)
+    segmentation[7:16, 20:29] = 1
     flat = np.full((31, 41), 10000, np.uint16)
-    over = flat.copy()
-    over[13, 26] = 9804  # 0.98039 is where the ray meets the upper layer
+    folded_depth = flat.copy()
+    folded_depth[13, 26] = 9804  # the ray meets the upper layer at 0.98039
     return replace(
         hand_made_recording,
-        shown=[encode_png(number)] * 2,
-        depths=[encode_png(flat), encode_png(over)],
+        segmentations=[encode_png(segmentation)] * 2,
+        depths=[encode_png(flat), encode_png(folded_depth)],
         bodies=["world", "cloth"],
         poses=np.tile(np.eye(4), (2, 2, 1, 1)),
         roles=(

@@ -114,7 +114,7 @@ def test_descriptors(name: str) -> None:
     extractors = {key: instantiate(node) for key, node in compose("train", [f"descriptor={name}"]).descriptor.items()}
     assert list(extractors) == [name]
     assert isinstance(extractors[name], FeatureExtractor)
-    assert type(extractors[name]).__name__.lower() == name.replace("_", "")
+    assert extractors[name].name == name
 
 
 def test_the_usual_descriptors_serve_every_kernel() -> None:
@@ -211,7 +211,7 @@ def test_the_paper_taken_literally() -> None:
     assert instantiate(cfg.objective) == ObjectiveSettings(
         sigma0=0.55,
         rsw_weight=0.1,
-        alternatives=10,
+        top_k=10,
         reward="frame",
         change="absolute",
         error_reduction="vector",

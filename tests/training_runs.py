@@ -70,7 +70,13 @@ class Training:
         components = build_skill(spec)
         self.pipelines = components.pipelines
         self.demonstration = Demonstration(
-            frames, components.pipelines, components.members, gap=2, horizon=0.6, num_negatives=0, progress=in_silence
+            frames,
+            components.pipelines,
+            components.members,
+            gap=2,
+            max_span_ratio=0.6,
+            num_negatives=0,
+            progress=in_silence,
         )
 
     def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:

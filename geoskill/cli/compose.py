@@ -116,12 +116,12 @@ def typed(cfg: DictConfig, schema: type[C]) -> C:
 def _check_values(node: DictConfig, prefix: str) -> None:
     schema = OmegaConf.get_type(node)
     known = {name: own for name, *own in settings_of(schema)} if dataclasses.is_dataclass(schema) else {}
-    for key in node:
+    for key in [key for key in node if isinstance(key, str)]:
         value = None if OmegaConf.is_missing(node, key) else node[key]
         if isinstance(value, DictConfig):
             _check_values(value, f"{prefix}{key}.")
         elif key in known:
-            check_value(prefix + str(key), value, *known[key])
+            check_value(f"{prefix}{key}", value, *known[key])
 
 
 def refuse_renamed_keys() -> None:

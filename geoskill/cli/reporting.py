@@ -17,6 +17,7 @@ from geoskill.io.atomic import atomic_open
 from geoskill.io.camera import Camera
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
+from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.skill import Skill
@@ -69,7 +70,7 @@ def write_inference(
         try:
             for frame, features in show_progress(extracted, "selecting associations", total):
                 result = infer(frame.image, features)
-                for line in association_lines(frame, result):
+                for line in association_lines(frame, result, skill.members):
                     lines.write(json.dumps(line) + "\n")
                 video.write(
                     draw_overlay(
@@ -79,15 +80,14 @@ def write_inference(
                         frame_index=frame.index,
                         title=title,
                         minimum_weight=minimum_weight,
-                        reasons=[f"{kernel}: {reason}" for (kernel, _), reason in result.reasons.items()],
+                        reasons=[f"{member}: {reason}" for member, reason in result.reasons.items()],
                     )
                 )
                 definition.add(frame.index, result)
                 for association in result.associations:
                     if association.rank == 1:
                         norm = float(np.linalg.norm(association.error))
-                        member = "_".join((association.kernel, *association.descriptor.split("+")))
-                        history.append((frame.index, member, association.confidence, norm))
+                        history.append((frame.index, association.member, association.confidence, norm))
                 count += 1
         except (KeyboardInterrupt, InputError) as error:
             if not (isinstance(error, KeyboardInterrupt) and isinstance(source, Camera)):
@@ -128,19 +128,21 @@ def extracted_ahead(
     def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
         return frame, skill.extract(frame.image)
 
-    return prefetch_map(extract, frames, threads=threads, ahead=1 if live else None)
+    return prefetch_map(extract, frames, threads=threads, max_prefetch=1 if live else None)
 
 
-def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:
+def association_lines(
+    frame: Frame, result: InferenceResult, members: Mapping[str, KernelModel]
+) -> Iterator[dict[str, Any]]:
     """Yield the lines of ``associations.jsonl`` for one frame; a member without associations has a line of rank 0."""
     place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
     for association in result.associations:
         yield {**place, **association.as_json()}
-    for (kernel, descriptor), reason in result.reasons.items():
+    for name, reason in result.reasons.items():
         yield {
             **place,
-            "kernel": kernel,
-            "descriptor": descriptor,
+            "kernel": members[name].kernel.name,
+            "descriptor": members[name].descriptor,
             "rank": 0,
             "confidence": 0.0,
             "nodes": [],

@@ -8,7 +8,7 @@ from geoskill.cli.inputs import selection
 from geoskill.cli.progress import show_progress
 from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
-from geoskill.evaluation.evaluator import evaluate_frames, member_name
+from geoskill.evaluation.evaluator import evaluate_frames
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions, load_regions
 from geoskill.io.frames import Frame
@@ -31,7 +31,7 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
         raise InputError(f"every={every}: expected at least 1")
     height, width = frames[0].image.shape[:2]
     regions = load_regions(path, (width, height), len(frames))
-    regions.require_judged(len(frames), every)
+    regions.require_evaluated(len(frames), every)
     return regions
 
 
@@ -47,7 +47,7 @@ def score(
         frames,
         selection(skill, config),
         labels,
-        [(member.kernel, member.descriptor) for member in skill.members.values()],
+        skill.members,
         every=every,
         continuous=config.temporal != "none",
         progress=lambda items: show_progress(items, "evaluating frames", total=len(frames)),
@@ -60,7 +60,7 @@ def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording
     The oracle knows all pairs that meet in the demonstration's picture; a skill that learned from it cannot be expected
     to be more exact in another recording.
     """
-    from geoskill.evaluation.oracle import oracle
+    from geoskill.evaluation.oracle import evaluate_oracle
 
     frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)
     pictures = {frame: demonstration.picture(frame) for frame in frames}
@@ -69,11 +69,11 @@ def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording
         for name, pipeline in skill.pipelines.items()
     }
     return {
-        member_name(member.kernel, member.descriptor): oracle(
+        member_name: evaluate_oracle(
             member.kernel,
             demonstration,
             {frame: {kind: found[name][frame] for kind, name in member.extractors.items()} for frame in frames},
             recording,
         )
-        for member in skill.members.values()
+        for member_name, member in skill.members.items()
     }

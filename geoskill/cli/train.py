@@ -105,7 +105,7 @@ def _write_results(
             # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.
             always = SelectionConfig(temporal=config.inference.temporal, abstain=0.0)
             scores, _ = score(learned.skill, sequence.frames, sequence.labels, config.task.every, always)
-            scores["judged_frames"] = scores["frames"]
+            scores["evaluated_frames"] = scores["frames"]
             # Metrics of training and of all frames keep their meaning, labeled or not.
             metrics = {name: value for name, value in scores.items() if isinstance(value, int | float)} | metrics
         return write_inference(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.errors import InputError
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, checked_frame_rate
+from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, validate_frame_rate
 
 
 @final
@@ -42,7 +42,7 @@ class ArrayFrames(FrameSource):
                     f"{name}: picture {number} is {list(shape)}; expected that of the first, {np.shape(pictures[0])}"
                 )
         self._pictures = pictures
-        self._frame_rate = checked_frame_rate(frame_rate)
+        self._frame_rate = validate_frame_rate(frame_rate)
         self._name = name
 
     @property

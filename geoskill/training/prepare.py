@@ -71,7 +71,7 @@ def prepare(
                 components.pipelines,
                 components.members,
                 gap=config.demonstration.gap,
-                horizon=config.demonstration.max_span_ratio,
+                max_span_ratio=config.demonstration.max_span_ratio,
                 num_negatives=config.demonstration.num_negatives,
                 progress=_silent if progress is None else progress,
                 name=opened.name,

@@ -15,10 +15,10 @@ from geoskill.cli import footage
 from geoskill.cli.footage import RecordingSource, demonstrations, simulated_footage, video_footage
 from geoskill.cli.inputs import open_recording
 from geoskill.errors import InputError
-from geoskill.evaluation.labels import Region
 from geoskill.io.disk_cache import DiskCache
 from geoskill.simulation import scene
 from geoskill.simulation.recording import Recording
+from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.scene import RecordingSettings
 
 Command = Callable[..., Any]
@@ -91,7 +91,7 @@ def test_a_simulated_recording_with_its_labels(rendered: list[RecordingSettings]
     assert found.labels is not None
     labels = found.labels.at(0)
     assert labels is not None
-    assert labels.label((12.0, 15.0)) is Region.OBJECT
+    assert labels.label((12.0, 15.0)) is SceneRole.OBJECT
     assert found.recording is not None
     (settings,) = rendered
     assert (settings.task.name, settings.seed, settings.episode) == ("sorting", 7, "occlusion")

@@ -54,7 +54,7 @@ def test_tracked_objective_by_hand() -> None:
     assert float(value.objective) == pytest.approx(expected, abs=1e-12)
 
 
-def test_the_goal_counts_with_its_weight() -> None:
+def test_goal_term_by_hand() -> None:
     """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
@@ -74,8 +74,8 @@ def test_the_goal_counts_with_its_weight() -> None:
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_a_goal_that_counts_needs_arrivals() -> None:
-    with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for .*goal_weight=1\.0"):
+def test_objective_with_goal_rejects_selections_without_progress() -> None:
+    with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for goal_weight=1\.0$"):
         transition_objective(ObjectiveConfig(), 0.6, FIRST, SECOND)
     with pytest.raises(ValueError, match="goal_progress has 2 rows for 4 instances; expected as many"):
         replace(FIRST, goal_progress=torch.zeros(2, dtype=torch.float64))
@@ -114,7 +114,7 @@ def test_objective_rises_with_the_weight_of_an_approaching_instance() -> None:
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
 
-def test_regularizer_alone_sharpens_the_selection() -> None:
+def test_rsw_alone_sharpens_the_selection() -> None:
     scores = torch.tensor([1.0, 0.0, -1.0], dtype=torch.float64, requires_grad=True)
     batch = torch.zeros(3, dtype=torch.long)
     zero = torch.zeros(3, dtype=torch.float64)
@@ -146,7 +146,7 @@ def ragged(counts: list[int], seed: int) -> FrameSelection:
 
 
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
-def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
+def test_objective_of_a_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
     first, second = ragged([3, 0, 7, 1, 0], seed=0), ragged([2, 5, 4, 0, 0], seed=1)
     settings = without_goal(reward=reward, top_k=2)
     batched = transition_objective(settings, 0.4, first, second)
@@ -155,7 +155,7 @@ def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
         torch.testing.assert_close(getattr(batched, key), torch.stack([getattr(v, key) for v in single]).mean())
 
 
-def test_an_empty_frame_is_no_approach() -> None:
+def test_frame_objective_of_an_empty_frame() -> None:
     first, second = ragged([3], seed=0), ragged([0], seed=1)
     value = transition_objective(without_goal(reward="frame"), 0.4, first, second)
     assert float(value.reward) == 0.0
@@ -175,7 +175,7 @@ def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_see
 
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 @pytest.mark.parametrize("error_reduction", ["norm", "vector"])
-def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any) -> None:
+def test_objective_gradients(reward: Any, error_reduction: Any) -> None:
     settings = without_goal(reward=reward, error_reduction=error_reduction, top_k=2)
     template = ragged([3, 4], seed=3), ragged([5, 2], seed=4)
 
@@ -191,7 +191,7 @@ def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any
     assert torch.autograd.gradcheck(objective, scores)
 
 
-def test_float32_is_kept() -> None:
+def test_objective_keeps_float32() -> None:
     frames = ragged([3, 2], seed=0)
     single = FrameSelection(
         frames.select_out.float(), frames.errors.float(), frames.change.float(), frames.batch, frames.num_frames
@@ -203,7 +203,7 @@ def test_float32_is_kept() -> None:
         assert value.objective.shape == ()
 
 
-def test_defaults_are_the_settled_ones() -> None:
+def test_objective_settings_defaults() -> None:
     settings = ObjectiveConfig()
     assert (settings.sigma0, settings.rsw_weight, settings.top_k, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
     assert (settings.goal_weight, settings.goal_temperature, settings.goal_scale) == (1.0, 0.1, 200.0)
@@ -238,7 +238,7 @@ def test_defaults_are_the_settled_ones() -> None:
         ("partition", ["exact"], "exact or monte_carlo"),
     ],
 )
-def test_bad_settings_name_the_key_the_value_and_what_was_expected(key: str, value: Any, expected: str) -> None:
+def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
         ObjectiveConfig(**{key: value})
     shown = "null" if value is None else value
@@ -246,10 +246,10 @@ def test_bad_settings_name_the_key_the_value_and_what_was_expected(key: str, val
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_selections_that_do_not_fit_are_refused() -> None:
+def test_frame_selection_rejects_wrong_lengths() -> None:
     with pytest.raises(ValueError, match=r"\(1, 1, 2, 1\) rows; expected the same number"):
         FrameSelection(torch.ones(1), torch.ones(1, 2), torch.ones(2), torch.zeros(1, dtype=torch.long), 1)
-    with pytest.raises(ValueError, match="0 frames; expected at least one"):
+    with pytest.raises(ValueError, match="num_frames=0: expected at least 1"):
         FrameSelection(torch.ones(0), torch.ones(0, 2), torch.ones(0), torch.zeros(0, dtype=torch.long), 0)
     with pytest.raises(ValueError, match="2 earlier and 1 later frames"):
         transition_objective(without_goal(), 1.0, FIRST, one_by_one(SECOND, 0))

@@ -34,7 +34,9 @@ def recorded(opengl: None, task_named: Callable[[str], Task]) -> Recorded:
     """
 
     @cache
-    def render(task: str, episode: str, seed: int = 0, stride: int = 32, actor: str = "human", **difficulties: Any) -> Recording:
+    def render(
+        task: str, episode: str, seed: int = 0, stride: int = 32, actor: str = "human", **difficulties: Any
+    ) -> Recording:
         return record(RecordingSettings(task_named(task), Conditions(actor, **difficulties), seed, episode, stride))
 
     return render

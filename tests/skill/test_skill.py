@@ -305,8 +305,8 @@ def test_a_frame_with_nothing_in_it(skill: Skill) -> None:
     assert result.associations == ()
     assert result.error.shape == (0,)
     assert result.reasons == {
-        ("p2p", "sift"): "no instance: 0 points found",
-        ("p2l", "sift+lbd"): "no instance: 0 points, 0 lines found",
+        "p2p_sift": "no instance: 0 points found",
+        "p2l_sift_lbd": "no instance: 0 points, 0 lines found",
     }
     assert {name: len(found) for name, found in result.features.items()} == {"sift": 0, "lbd": 0}
 
@@ -315,7 +315,7 @@ def test_a_member_without_instance_leaves_the_others_alone(skill: Skill, frame: 
     skill.pipelines["lbd"].max_features = 0
     result = skill.infer(frame)
     assert [association.kernel for association in result.associations] == ["p2p"] * 4
-    assert result.reasons == {("p2l", "sift+lbd"): "no instance: 10 points, 0 lines found"}
+    assert result.reasons == {"p2l_sift_lbd": "no instance: 10 points, 0 lines found"}
     assert result.error.tolist() == list(result.associations[0].error)
 
 
