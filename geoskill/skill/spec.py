@@ -146,12 +146,16 @@ class SkillSpec:
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
-        features = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        try:
+            features = FeaturesConfig(**settings)
+        except InputError as error:
+            raise InputError(f"the skill's features: {error}") from error
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,
             Part.from_plain(entries["model"], "model"),
-            FeaturesConfig(**features),
+            features,
             top_k,
         )
 
