@@ -188,7 +188,7 @@ def _finish(
         write_checkpoint(checkpoint, contents)
     table = MetricsTable(None if curves is None else Path(curves))
     states: Mapping[str, Any] = contents["callbacks"]
-    table.load_state_dict(states[table.state_key])
+    table.load_state_dict(states.get(table.state_key, {"rows": []}))
     table.write()
     last = {name: value for name, value in (table.rows[-1] if table.rows else {}).items() if "/" in name}
     metrics = {**provenance.metrics, **last, "steps": float(contents["global_step"])}
