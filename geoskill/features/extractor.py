@@ -17,6 +17,7 @@ class FeatureExtractor(ABC):
     and in a checkpoint) and keeps them as attributes of the same names.
     """
 
+    name: ClassVar[str]
     node_type: ClassVar[NodeType]
     descriptor_dim: ClassVar[int]
     has_arms: ClassVar[bool] = False

@@ -25,6 +25,7 @@ class Lbd(FeatureExtractor):
         InputError: when either number is out of range, or OpenCV lacks the detector (see :func:`detect_segments`).
     """
 
+    name: ClassVar[str] = "lbd"
     node_type: ClassVar[NodeType] = NodeType.LINE
     descriptor_dim: ClassVar[int] = DESCRIPTOR_DIM
 

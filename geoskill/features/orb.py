@@ -26,6 +26,7 @@ class Orb(FeatureExtractor):
         fast_threshold: the corner detector's threshold in gray levels.
     """
 
+    name: ClassVar[str] = "orb"
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 256
     has_arms: ClassVar[bool] = True

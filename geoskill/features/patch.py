@@ -29,6 +29,7 @@ class Patch(FeatureExtractor):
         contrast_threshold: see :class:`geoskill.features.sift.Sift`.
     """
 
+    name: ClassVar[str] = "patch"
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = SIDE * SIDE
     has_arms: ClassVar[bool] = True

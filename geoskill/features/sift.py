@@ -25,6 +25,7 @@ class Sift(FeatureExtractor):
         root: RootSIFT (Arandjelovic and Zisserman, CVPR 2012): the square root of the L1-normalized histogram.
     """
 
+    name: ClassVar[str] = "sift"
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 128
     has_arms: ClassVar[bool] = True
