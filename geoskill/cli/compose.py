@@ -1,9 +1,12 @@
 """Hydra's configuration from the typed one: registered schemas, checked values, and messages that name the key."""
 
+import ast
 import contextlib
 import dataclasses
 import difflib
+import functools
 import inspect
+import operator
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -43,8 +46,9 @@ def configuration_folder() -> str:
 def register_schemas(command: str, schema: type[Config]) -> None:
     """Tell Hydra the schema of a command, and every choice that is not a file under ``conf/``.
 
-    Built-in kernels, networks and tasks are registered by name alone: importing them takes seconds. A plug-in is
-    imported, since its arguments are those of its constructor; one that cannot be is left to the message of its use.
+    Built-in classes are not imported, which would take seconds: kernels and tasks have no arguments, those of networks
+    are in the configuration, and those of extractors are read from their source. A plug-in is imported, since its
+    arguments are those of its constructor; one that cannot be is left to the message of its use.
     """
     store = ConfigStore.instance()
     # What a group decides is left open here, lest one choice is merged into another.
@@ -53,7 +57,7 @@ def register_schemas(command: str, schema: type[Config]) -> None:
     for name in KERNELS.built_in:
         store.store(group="kernel", name=name, node={name: {}})
     for name in EXTRACTORS.built_in:
-        store.store(group="descriptor", name=name, node={name: _schema_of(EXTRACTORS, name)})
+        store.store(group="descriptor", name=name, node={name: _schema_of_extractor(name)})
     for name, model in MODELS.items():
         store.store(group="model", name=name, node=model)
     for name in TASKS.built_in:
@@ -79,6 +83,38 @@ def _register_plug_in(store: ConfigStore, registry: Registry, name: str) -> None
     else:
         node = SimulatedTaskConfig(name) if registry is TASKS else {name: schema}
     store.store(group=registry.kind, name=name, node=node)
+
+
+def _schema_of_extractor(name: str) -> type:
+    """Return what :func:`_schema_of` does for a built-in extractor, from its source where that says it plainly."""
+    source = Path(__file__).resolve().parents[1] / "features" / f"{name}.py"
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef) and f"name: ClassVar[str] = '{name}'" in map(ast.unparse, node.body):
+            constructors = [own for own in node.body if isinstance(own, ast.FunctionDef) and own.name == "__init__"]
+            try:
+                entries = [entry for own in constructors for entry in _plain_arguments(own.args)]
+            except ValueError:
+                break
+            return dataclasses.make_dataclass(f"{node.name}Config", entries)
+    return _schema_of(EXTRACTORS, name)
+
+
+def _plain_arguments(arguments: ast.arguments) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, type and default of the arguments of a constructor.
+
+    Raises:
+        ValueError: when one has no default, or one that is no literal, or a type that is not plain.
+    """
+    positional, plain = arguments.args[1:], {"int": int, "float": float, "bool": bool, "str": str, "None": None}
+    defaults = [*arguments.defaults, *arguments.kw_defaults]
+    if arguments.posonlyargs or arguments.vararg or arguments.kwarg:
+        raise ValueError("other than named arguments")
+    for own, default in zip([*positional, *arguments.kwonlyargs], defaults, strict=True):
+        words = ast.unparse(own.annotation).split(" | ") if own.annotation else [""]
+        if default is None or not plain.keys() >= set(words):
+            raise ValueError(f"{own.arg} has no default, or no plain type")
+        hint = functools.reduce(operator.or_, (plain[word] for word in words))  # type: ignore[arg-type]
+        yield own.arg, hint, dataclasses.field(default=ast.literal_eval(default))
 
 
 def _schema_of(registry: Registry, name: str) -> type:
