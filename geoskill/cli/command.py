@@ -66,7 +66,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
         run = current_run()
 
         def work() -> None:
-            job(typed(cfg, schema), run)
+            job(typed(cfg, schema, run.overrides), run)
 
         if run.is_multirun:
             _record_failure(work, name, run.folder / FAILED_RUN)

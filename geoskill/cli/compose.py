@@ -9,13 +9,14 @@ import inspect
 import operator
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException, HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -30,7 +31,7 @@ from geoskill.cli.schemas import (
 from geoskill.config import MODELS, Config, ScenarioConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
-from geoskill.schema import check_value, expectation, settings_of
+from geoskill.schema import as_written, check_value, expectation, settings_of
 
 C = TypeVar("C", bound=Config)
 GROUPS = ("kernel", "descriptor", "model", "task", "logger")
@@ -134,30 +135,41 @@ def compose_training(*overrides: str) -> TrainCommandConfig:
     with contextlib.ExitStack() as stack:
         if not GlobalHydra.instance().is_initialized():
             stack.enter_context(hydra.initialize_config_dir(configuration_folder(), version_base="1.3"))
-        return typed(hydra.compose("train", list(overrides)), TrainCommandConfig)
+        return typed(hydra.compose("train", list(overrides)), TrainCommandConfig, overrides)
 
 
-def typed(cfg: DictConfig, schema: type[C]) -> C:
+def typed(cfg: DictConfig, schema: type[C], overrides: Sequence[str] = ()) -> C:
     """Return a composed configuration as its dataclass, every value checked.
+
+    Args:
+        cfg: what Hydra composed.
+        schema: the dataclass.
+        overrides: those that went into it. Their values are checked as they were written: OmegaConf takes 1 for true.
 
     Raises:
         InputError: for the first value out of range, named by its key.
     """
-    _check_values(cfg, "")
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    written = {own.key_or_group: own.value() for own in parsed}
+    plain = {key: value for key, value in written.items() if isinstance(value, bool | int | float | str)}
+    _check_values(cfg, "", plain)
     config = OmegaConf.to_object(cfg)
     assert isinstance(config, schema)
     return config
 
 
-def _check_values(node: DictConfig, prefix: str) -> None:
+def _check_values(node: DictConfig, prefix: str, written: Mapping[str, bool | int | float | str]) -> None:
     schema = OmegaConf.get_type(node)
     known = {name: own for name, *own in settings_of(schema)} if dataclasses.is_dataclass(schema) else {}
-    for key in [key for key in node if isinstance(key, str)]:
-        value = None if OmegaConf.is_missing(node, key) else node[key]
+    for name in map(str, node):
+        key = f"{prefix}{name}"
+        value = None if OmegaConf.is_missing(node, name) else node[name]
         if isinstance(value, DictConfig):
-            _check_values(value, f"{prefix}{key}.")
-        elif key in known:
-            check_value(f"{prefix}{key}", value, *known[key])
+            _check_values(value, f"{key}.", written)
+        elif name in known:
+            settings_field, hint = known[name]
+            text = str in (hint, *get_args(hint))  # which a number is, too
+            check_value(key, value if text else written.get(key, value), settings_field, hint)
 
 
 def refuse_renamed_keys() -> None:
@@ -184,8 +196,7 @@ def explain_composition(error: BaseException, command: str) -> str:
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             settings = _settings_of(cause)
             if settings is not None:
-                value = "null" if cause.value is None else cause.value
-                return f"{cause.full_key}={value}: expected {expectation(*settings)}"
+                return f"{cause.full_key}={as_written(cause.value)}: expected {expectation(*settings)}"
         cause = cause.__cause__
     unknown = re.match(r"Could not (?:override|append to|delete from config. )\W*'([^']+)'", str(error))
     if unknown and isinstance(error, ConfigCompositionException):
