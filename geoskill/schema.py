@@ -67,7 +67,10 @@ def check_value(name: str, value: Any, settings_field: "Field[Any]", hint: Any) 
         InputError: when it has a wrong type or is out of range.
     """
     kinds = _kinds(hint)
-    if not kinds or (value is None and type(None) in kinds):
+    if _is_schema(hint):
+        if isinstance(value, hint):
+            return
+    elif not kinds or (value is None and type(None) in kinds):
         return
     if not (_has_kind(value, kinds) and _in_range(value, settings_field.metadata)):
         raise InputError(f"{name}={as_written(value)}: expected {expectation(settings_field, hint)}")
@@ -95,6 +98,8 @@ def expectation(settings_field: "Field[Any]", hint: Any) -> str:
     ['a number of at least 0 and below 1, or null']
     """
     kinds, limits = _kinds(hint), settings_field.metadata
+    if _is_schema(hint):
+        return f"a {hint.__name__}"
     if "choices" in limits:
         words = [str(choice) for choice in limits["choices"]]
         text = " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
@@ -118,7 +123,7 @@ def flatten(schema: type, prefix: str = "") -> Iterator[tuple[str, "Field[Any]",
     """Yield dotted key, field and type of every setting of a configuration class and of those nested in it."""
     for name, settings_field, hint in settings_of(schema):
         key = f"{prefix}{name}"
-        if is_dataclass(hint) and isinstance(hint, type):
+        if _is_schema(hint):
             yield from flatten(hint, f"{key}.")
         else:
             yield key, settings_field, hint
@@ -142,6 +147,10 @@ def markdown_table(schema: type, prefix: str = "") -> str:
         shown = f"`{as_written(default)}`" if simple else "see the group"
         lines.append(f"| `{key}` | {shown} | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |")
     return "\n".join(lines) + "\n"
+
+
+def _is_schema(hint: Any) -> bool:
+    return isinstance(hint, type) and is_dataclass(hint)
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:

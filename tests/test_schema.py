@@ -152,6 +152,14 @@ def test_fields_are_checked_when_a_configuration_is_made() -> None:
         Outer(inner=Inner(size=0))
 
 
+@pytest.mark.parametrize("value", [1, None, {"size": 1}, Outer])
+def test_nested_configurations_are_of_their_class(value: Any) -> None:
+    own, hint = next((own, hint) for name, own, hint in settings_of(Outer) if name == "inner")
+    check_value("inner", Inner(), own, hint)
+    with pytest.raises(InputError, match=r"^inner=.+: expected a Inner$"):
+        check_value("inner", value, own, hint)
+
+
 def test_flatten() -> None:
     assert list(SETTINGS) == [
         *("switch", "count", "ratio", "limit", "word", "choice", "names"),
