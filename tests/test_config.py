@@ -189,8 +189,8 @@ def test_renamed_keys_lead_to_keys_that_exist() -> None:
         ({"ema_decay": 1}, "ema_decay=1: expected a number of at least 0 and below 1, or null"),
         ({"ema_decay": float("nan")}, "ema_decay=nan: expected a number of at least 0 and below 1, or null"),
         ({"threads": 0}, "threads=0: expected a whole number of at least 1, or null"),
-        ({"features": 3}, "features=3: expected a FeaturesConfig"),
-        ({"trainer": None}, "trainer=null: expected a TrainerConfig"),
+        ({"features": 3}, "features=3: expected FeaturesConfig"),
+        ({"trainer": None}, "trainer=null: expected TrainerConfig"),
     ],
 )
 @pytest.mark.usefixtures("annotations_unchecked")

@@ -156,7 +156,7 @@ def test_fields_are_checked_when_a_configuration_is_made() -> None:
 def test_nested_configurations_are_of_their_class(value: Any) -> None:
     own, hint = next((own, hint) for name, own, hint in settings_of(Outer) if name == "inner")
     check_value("inner", Inner(), own, hint)
-    with pytest.raises(InputError, match=r"^inner=.+: expected a Inner$"):
+    with pytest.raises(InputError, match=r"^inner=.+: expected Inner$"):
         check_value("inner", value, own, hint)
 
 
