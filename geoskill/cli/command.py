@@ -36,7 +36,7 @@ class Run:
 
     Attributes:
         folder: where its files go; it exists.
-        choices: the choice of each group, by the group's name.
+        choices: the choice of each group that has a single one, by the group's name.
         overrides: of the command line.
         is_multirun: whether it is one of a sweep.
     """
@@ -92,7 +92,7 @@ def current_run() -> Run:
     config = HydraConfig.get()
     return Run(
         Path(config.runtime.output_dir),
-        dict(config.runtime.choices),
+        {group: choice for group, choice in config.runtime.choices.items() if isinstance(choice, str)},
         list(config.overrides.task),
         config.mode == RunMode.MULTIRUN,
     )

@@ -147,7 +147,7 @@ def typed(cfg: DictConfig, schema: type[C], overrides: Sequence[str] = ()) -> C:
         overrides: those that went into it. Their values are checked as they were written: OmegaConf takes 1 for true.
 
     Raises:
-        InputError: for the first value out of range, named by its key.
+        InputError: for the first value out of range, or key that the schema lacks, named by its key.
     """
     parsed = OverridesParser.create().parse_overrides(list(overrides))
     written = {own.key_or_group: own.value() for own in parsed}
@@ -163,6 +163,9 @@ def _check_values(node: DictConfig, prefix: str, written: Mapping[str, bool | in
     known = {name: own for name, *own in settings_of(schema)} if dataclasses.is_dataclass(schema) else {}
     for name in map(str, node):
         key = f"{prefix}{name}"
+        if known and name not in known:  # which +KEY=VALUE has added
+            similar = [f"{prefix}{name}, or " for name in difflib.get_close_matches(name, known, n=1)]
+            raise InputError(f"{key!r}: there is no such key; expected {''.join(similar)}one of --cfg job")
         value = None if OmegaConf.is_missing(node, name) else node[name]
         if isinstance(value, DictConfig):
             _check_values(value, f"{key}.", written)

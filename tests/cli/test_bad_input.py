@@ -85,6 +85,8 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("+objective.width=3", ["'objective.width'", "no such key"]),
         ("+trainer.width=3", ["'trainer.width'", "no such key"]),
         ("++trainer.width=3", ["'trainer.width'", "no such key"]),
+        ("+kernel.p2p.size=3", ["kernel=p2p has no argument 'size'; expected no arguments"]),
+        ("+descriptor.sift.roots=true", ["'descriptor.sift.roots'", "expected descriptor.sift.root, or one of --cfg"]),
         ("+see=1", ["'see'", "no such key; expected seed, or one of --cfg job"]),
         ("~trainer.width", ["'trainer.width'", "no such key"]),
         ("kernel.p2p.size=3", ["'kernel.p2p.size'", "no such key"]),
