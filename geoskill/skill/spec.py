@@ -15,7 +15,7 @@ checked and unknown names refused; classes are found by name in the registries o
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
 
@@ -133,7 +133,7 @@ class SkillSpec:
             own = mapping_of(member, f"members.{name}", ("kernel", "extractors"))
             feeds = mapping_of(own["extractors"], f"members.{name}.extractors")
             for node_type, extractor in feeds.items():
-                if node_type not in tuple(NodeType) or extractor not in extractors:
+                if node_type not in tuple(NodeType) or not isinstance(extractor, str) or extractor not in extractors:
                     raise InputError(
                         f"the skill's members.{name} takes {node_type!r} from {extractor!r}; expected others"
                     )
@@ -141,11 +141,14 @@ class SkillSpec:
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
+        model = Part.from_plain(entries["model"], "model")
+        if model.name in MODELS:  # whose arguments have types and ranges
+            model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
         features = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,
-            Part.from_plain(entries["model"], "model"),
+            model,
             FeaturesConfig(**features),
             top_k,
         )

@@ -221,8 +221,15 @@ def test_early_stopped_training_that_was_killed_is_finished_without_another_epoc
     assert unbroken.status == 0, unbroken.stderr
     run = tmp_path / "run"
     killed = subprocess.run(
-        [sys.executable, "-c", KILLED, f"{CALLBACKS}:ResumableCheckpoint:_save:3:after"]
-        + [*tiny, *stopping, f"hydra.run.dir={run}"],
+        [
+            sys.executable,
+            "-c",
+            KILLED,
+            MOMENTS["after the last checkpoint"][0],
+            *tiny,
+            *stopping,
+            f"hydra.run.dir={run}",
+        ],
         cwd=ROOT,
         env=environment,
         timeout=600,

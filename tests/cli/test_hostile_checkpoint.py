@@ -12,6 +12,7 @@ import torch
 
 from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
+from geoskill.plugins import REGISTRIES
 from geoskill.schema import as_plain
 from geoskill.skill.skill import Skill
 
@@ -67,16 +68,17 @@ def simulated_skill(skill: Path, tmp_path: Path) -> Path:
 def load(path: Path) -> list[tuple[str, Any]]:
     """Load a skill, or refuse it, and return what was executed, imported or opened besides."""
     global events
-    events = []
+    events, message = [], f"{path}: expected"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             repr(Skill.load(path))
     except InputError as error:
-        assert str(error).startswith(f"{path}: ")
-        assert "expected" in str(error) or "do not fit" in str(error) or "lacks" in str(error), error
+        message = str(error)
     finally:
         recorded, events = events, None
+    assert message.startswith(f"{path}: ")
+    assert any(words in message for words in ("expected", "do not fit", "which is not installed here")), message
     return [event for event in recorded if event != ("open", (str(path),))]
 
 
@@ -87,7 +89,10 @@ def check_everywhere(simulated_skill: Path, tmp_path: Path) -> Callable[[list[An
     path = tmp_path / "hostile.ckpt"
 
     def check(values: list[Any]) -> None:
-        for warm_up in ({}, original["skill"]):  # imports and reads what loading and refusing need anyway
+        for registry in REGISTRIES:
+            registry.names()  # reads which plug-ins are installed
+        repr(WRONG_TYPES)  # messages show them
+        for warm_up in (b"x", {}, original["skill"]):  # imports what loading and refusing need anyway
             torch.save({**original, "skill": copy.deepcopy(warm_up)}, path)
             load(path)
         count = sum(1 for _ in places({"skill": original["skill"]}))
