@@ -36,7 +36,7 @@ class Run:
 
     Attributes:
         folder: where its files go; it exists.
-        choices: the choice of each group, by the group's name.
+        choices: the choice of each group that has a single one, by the group's name.
         overrides: of the command line.
         is_multirun: whether it is one of a sweep.
     """
@@ -66,7 +66,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
         run = current_run()
 
         def work() -> None:
-            job(typed(cfg, schema), run)
+            job(typed(cfg, schema, run.overrides), run)
 
         if run.is_multirun:
             record_failure(work, name, run.folder / FAILED_RUN)
@@ -92,7 +92,7 @@ def current_run() -> Run:
     config = HydraConfig.get()
     return Run(
         Path(config.runtime.output_dir),
-        dict(config.runtime.choices),
+        {group: choice for group, choice in config.runtime.choices.items() if isinstance(choice, str)},
         list(config.overrides.task),
         config.mode == RunMode.MULTIRUN,
     )

@@ -15,7 +15,7 @@ checked and unknown names refused; classes are found by name in the registries o
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
 
@@ -146,15 +146,18 @@ class SkillSpec:
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
+        model = Part.from_plain(entries["model"], "model")
         settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
         try:
             features = FeaturesConfig(**settings)
+            if model.name in MODELS:  # whose arguments have types and ranges
+                model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
         except InputError as error:
-            raise InputError(f"the skill's features: {error}") from error
+            raise InputError(f"the skill's specification: {error}") from error
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,
-            Part.from_plain(entries["model"], "model"),
+            model,
             features,
             top_k,
         )

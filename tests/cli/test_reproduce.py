@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geoskill.cli.settings import check_kind
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from geoskill.cli.command import FAILED_RUN, configuration_folder
-from geoskill.cli.settings import check_kind
 
 Command = Callable[..., Any]
 
