@@ -29,7 +29,6 @@ from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, REGISTRIES, SCORERS, TASKS
 from geoskill.schema import as_plain
-from geoskill.simulation.conditions import Conditions
 from geoskill.simulation.tasks.task import Task
 from geoskill.training.trainer import build_optimizer
 
@@ -291,19 +290,14 @@ def test_pipeline_times_what_is_learned_by_default() -> None:
 @pytest.mark.parametrize("name", options("scenario"))
 def test_scenarios(name: str) -> None:
     config = typed(compose("evaluate", [f"scenario={name}"]), EvaluateCommandConfig).scenario
-    conditions = Conditions(**as_plain(config))
-    difficulties = {own.name for own in fields(Conditions) if own.type is bool}
+    difficulties = {own.name for own in fields(ScenarioConfig) if own.type is bool}
     assert len(difficulties) == 5
     wanted = difficulties if name == "combined" else {name} & difficulties
-    assert {key for key in difficulties if getattr(conditions, key)} == wanted
-    assert conditions.actor == ("human" if name == "human" else "robot")
+    assert {key for key in difficulties if getattr(config, key)} == wanted
+    assert config.actor == ("human" if name == "human" else "robot")
     assert name in difficulties | {"human", "robot", "combined"}
     # What the YAML does not change is what the code does without it.
-    assert (conditions.severity, conditions.confidence) == (
-        Conditions("robot").severity,
-        Conditions("robot").confidence,
-    )
-    assert {own.name for own in fields(ScenarioConfig)} == {own.name for own in fields(Conditions)}
+    assert (config.severity, config.confidence) == (ScenarioConfig().severity, ScenarioConfig().confidence)
 
 
 @pytest.mark.parametrize("name", ARTIFACTS)

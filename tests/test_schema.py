@@ -117,7 +117,7 @@ def test_limits(limits: dict[str, float], inside: list[float], outside: list[flo
     for value in inside:
         check_value("x", value, own, float)
     for value in outside:
-        with pytest.raises(InputError, match="^x="):
+        with pytest.raises(InputError, match=r"^x="):
             check_value("x", value, own, float)
 
 

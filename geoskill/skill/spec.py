@@ -147,13 +147,13 @@ class SkillSpec:
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
         model = Part.from_plain(entries["model"], "model")
+        if model.name in MODELS:  # whose arguments have types and ranges
+            model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
         settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
         try:
             features = FeaturesConfig(**settings)
-            if model.name in MODELS:  # whose arguments have types and ranges
-                model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
         except InputError as error:
-            raise InputError(f"the skill's specification: {error}") from error
+            raise InputError(f"the skill's features: {error}") from error
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,

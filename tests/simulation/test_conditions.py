@@ -24,11 +24,11 @@ from geoskill.simulation.tasks.task import PlacementRange, PlanarPose
     ("settings", "message"),
     [
         ({"actor": "dog"}, "actor=dog: expected human or robot"),
-        ({"confidence": 0.0}, "confidence=0.0: expected a number above 0 and of at most 1"),
-        ({"confidence": 1.1}, "confidence=1.1: expected a number above 0 and of at most 1"),
-        ({"confidence": float("nan")}, "confidence=nan: expected a number above 0 and of at most 1"),
-        ({"severity": -0.1}, "severity=-0.1: expected a number of at least 0 and of at most 1.5"),
-        ({"severity": 9.0}, "severity=9.0: expected a number of at least 0 and of at most 1.5"),
+        ({"confidence": 0.0}, "confidence=0.0: expected a number above 0 and at most 1"),
+        ({"confidence": 1.1}, "confidence=1.1: expected a number above 0 and at most 1"),
+        ({"confidence": float("nan")}, "confidence=nan: expected a number above 0 and at most 1"),
+        ({"severity": -0.1}, "severity=-0.1: expected a number of at least 0 and at most 1.5"),
+        ({"severity": 9.0}, "severity=9.0: expected a number of at least 0 and at most 1.5"),
     ],
 )
 def test_conditions_refuse_values_out_of_range(settings: dict[str, Any], message: str) -> None:
