@@ -10,6 +10,7 @@ from torch import Tensor
 
 from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
+from geoskill.schema import as_written
 from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
@@ -241,8 +242,7 @@ def test_objective_settings_defaults() -> None:
 def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
         ObjectiveConfig(**{key: value})
-    shown = "null" if value is None else value
-    assert str(error.value) == f"{key}={shown}: expected {expected}"
+    assert str(error.value) == f"{key}={as_written(value)}: expected {expected}"
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
