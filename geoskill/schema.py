@@ -99,7 +99,7 @@ def expectation(settings_field: "Field[Any]", hint: Any) -> str:
     """
     kinds, limits = _kinds(hint), settings_field.metadata
     if _is_schema(hint):
-        return hint.__name__
+        return str(hint.__name__)
     if "choices" in limits:
         words = [str(choice) for choice in limits["choices"]]
         text = " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

@@ -114,7 +114,7 @@ def _plain_arguments(arguments: ast.arguments) -> Iterator[tuple[str, Any, Any]]
         words = ast.unparse(own.annotation).split(" | ") if own.annotation else [""]
         if default is None or not plain.keys() >= set(words):
             raise ValueError(f"{own.arg} has no default, or no plain type")
-        hint = functools.reduce(operator.or_, (plain[word] for word in words))  # type: ignore[arg-type]
+        hint = functools.reduce(operator.or_, (plain[word] for word in words))
         yield own.arg, hint, dataclasses.field(default=ast.literal_eval(default))
 
 
