@@ -99,7 +99,7 @@ def _opened(source: Source, number: int) -> FrameSource:
         opened = source
     elif isinstance(source, str | Path):
         opened = open_frames(source)
-    elif not isinstance(source, Sequence | np.ndarray):
+    elif not hasattr(source, "__len__"):
         raise InputError(f"demonstration {number} is {source!r}; expected {DEMONSTRATIONS}")
     else:
         opened = ArrayFrames(source, name=f"demonstration {number}")
