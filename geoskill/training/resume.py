@@ -22,7 +22,7 @@ def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count:
     Raises:
         InputError: in that case.
     """
-    if not TRAINING_STATE <= stored.contents.keys():
+    if not stored.contents.keys() >= TRAINING_STATE:
         raise InputError(
             f"{stored.path}: holds a skill, but not the state of its training; expected init_from={stored.path}"
         )
