@@ -146,19 +146,17 @@ def labeled_recording(scene: SimulatedScene, episode: str, store: DiskCache | No
 
 def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | None) -> "Recording":
     """Return a recording, rendered unless the store has it; see :func:`labeled_recording`."""
-    from geoskill.simulation.conditions import Conditions
     from geoskill.simulation.recording import Recording, pack, unpack
     from geoskill.simulation.scene import RecordingSettings, record
 
-    conditions = Conditions(**asdict(scene.scenario))
-    settings = RecordingSettings(TASKS.build(scene.task, {})(), conditions, scene.seed, episode)
+    settings = RecordingSettings(TASKS.build(scene.task, {})(), scene.scenario, scene.seed, episode)
 
     def render() -> Recording:
         return record(settings)
 
     if store is None:
         return render()
-    described = f"{_renderer_identity()} {scene.task} {sorted(asdict(conditions).items())} {scene.seed} {episode}"
+    described = f"{_renderer_identity()} {scene.task} {sorted(asdict(scene.scenario).items())} {scene.seed} {episode}"
     return store.get_or_compute(hashlib.sha256(described.encode()).hexdigest(), render, pack, unpack)
 
 

@@ -4,7 +4,7 @@ L. Zhang and R. Koch, "An efficient and robust line segment matching approach ba
 geometric consistency", Journal of Visual Communication and Image Representation 24 (2013), section 2.
 
 Nine bands parallel to the segment cover its neighborhood. Every row of a band is summarized by four sums of gradients,
-and every band by the mean and standard deviation over its own rows and those of the adjacent bands.
+and every band by the mean and standard deviation over its own rows and those of the adjacent bands::
 
     row   -31 ..  -25   band 0        left of the line's direction (y is down)
            ...

@@ -11,7 +11,7 @@ POINTS_PER_CALL = 30000
 def sample_bilinear(
     field: Float32[np.ndarray, "height width *channels"], xy: Float32[np.ndarray, "*points 2"]
 ) -> Float32[np.ndarray, "..."]:
-    """Return the values of a picture or field at points ([*points, *channels]), interpolated between four pixels.
+    """Return the values of a picture or field at points (``[*points, *channels]``), interpolated between four pixels.
 
     Depending on its version and the number of channels, OpenCV interpolates in steps of 1/32 pixel. Outside the picture
     the value of the nearest border pixel is returned.

@@ -9,13 +9,13 @@
     features:   {max_features: 60, min_side: 480, color: 8.0}
     top_k: 10
 
-A checkpoint may come from a stranger. Everything in it is read as plain values into the dataclasses below, with types
+A checkpoint may come from anybody. Everything in it is read as plain values into the dataclasses below, with types
 checked and unknown names refused; classes are found by name in the registries of :mod:`geoskill.plugins`.
 """
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
 
@@ -146,6 +146,9 @@ class SkillSpec:
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
+        model = Part.from_plain(entries["model"], "model")
+        if model.name in MODELS:  # whose arguments have types and ranges
+            model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
         settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
         try:
             features = FeaturesConfig(**settings)
@@ -154,7 +157,7 @@ class SkillSpec:
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,
-            Part.from_plain(entries["model"], "model"),
+            model,
             features,
             top_k,
         )

@@ -99,10 +99,10 @@ def _opened(source: Source, number: int) -> FrameSource:
         opened = source
     elif isinstance(source, str | Path):
         opened = open_frames(source)
-    elif not hasattr(source, "__len__"):
-        raise InputError(f"demonstration {number} is {source!r}; expected {DEMONSTRATIONS}")
-    else:
+    elif isinstance(source, np.ndarray | list | tuple):
         opened = ArrayFrames(source, name=f"demonstration {number}")
+    else:
+        raise InputError(f"demonstration {number} is {source!r}; expected {DEMONSTRATIONS}")
     if isinstance(opened, Camera):
         raise InputError(f"{opened.name} is a camera; expected a video file or a folder of images")
     return opened

@@ -56,7 +56,7 @@ class VideoWriter:
         return self
 
     def write(self, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Appends a frame.
+        """Append a frame.
 
         Raises:
             ValueError: when it is not 8-bit RGB or not of the first frame's size.

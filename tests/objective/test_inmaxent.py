@@ -214,11 +214,11 @@ def test_objective_settings_defaults() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("sigma0", 0.0, "a number of at least 0.001 and of at most 1000"),
-        ("sigma0", 5e3, "a number of at least 0.001 and of at most 1000"),
-        ("sigma0", math.nan, "a number of at least 0.001 and of at most 1000"),
-        ("sigma0", "wide", "a number of at least 0.001 and of at most 1000"),
-        ("sigma0", None, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", 0.0, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", 5e3, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", math.nan, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", "wide", "a number of at least 0.001 and at most 1000"),
+        ("sigma0", None, "a number of at least 0.001 and at most 1000"),
         ("rsw_weight", -0.1, "a number of at least 0"),
         ("rsw_weight", math.inf, "a number of at least 0"),
         ("top_k", 0, "a whole number of at least 1"),

@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, project
 from geoskill.geometry.poses import rotation_vector
 from geoskill.simulation.conditions import (
     RANDOM_TARGET_RANGE,
     USUAL_TARGET_RANGE,
-    Conditions,
     camera_trajectory,
     pan_aside,
+    target_range,
 )
 from geoskill.simulation.tasks.task import PlacementRange, PlanarPose
 
@@ -22,17 +23,17 @@ from geoskill.simulation.tasks.task import PlacementRange, PlanarPose
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"actor": "dog"}, "scenario.actor=dog: expected human or robot"),
-        ({"confidence": 0.0}, "scenario.confidence=0.0: expected more than 0 and at most 1"),
-        ({"confidence": 1.1}, "scenario.confidence=1.1: expected more than 0 and at most 1"),
-        ({"confidence": float("nan")}, "scenario.confidence=nan: expected more than 0 and at most 1"),
-        ({"severity": -0.1}, "scenario.severity=-0.1: expected 0 to 1.5"),
-        ({"severity": 9.0}, "scenario.severity=9.0: expected 0 to 1.5"),
+        ({"actor": "dog"}, "actor=dog: expected human or robot"),
+        ({"confidence": 0.0}, "confidence=0.0: expected a number above 0 and at most 1"),
+        ({"confidence": 1.1}, "confidence=1.1: expected a number above 0 and at most 1"),
+        ({"confidence": float("nan")}, "confidence=nan: expected a number above 0 and at most 1"),
+        ({"severity": -0.1}, "severity=-0.1: expected a number of at least 0 and at most 1.5"),
+        ({"severity": 9.0}, "severity=9.0: expected a number of at least 0 and at most 1.5"),
     ],
 )
 def test_conditions_refuse_values_out_of_range(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as error:
-        Conditions(**{"actor": "robot"} | settings)
+        ScenarioConfig(**{"actor": "robot"} | settings)
     assert str(error.value) == message
 
 
@@ -41,7 +42,9 @@ def turn_deg(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def trajectory(seed: int, severity: float = 1.0, moves: bool = True) -> np.ndarray:
-    return camera_trajectory(Conditions("robot", move_camera=moves, severity=severity), 90, np.random.default_rng(seed))
+    return camera_trajectory(
+        ScenarioConfig("robot", move_camera=moves, severity=severity), 90, np.random.default_rng(seed)
+    )
 
 
 def test_camera_trajectory_rests_without_move_camera() -> None:
@@ -82,9 +85,9 @@ def test_pan_aside_turns_on_the_spot_and_back() -> None:
 
 
 def test_target_range_and_its_samples() -> None:
-    assert Conditions("robot").target_range() == USUAL_TARGET_RANGE
-    assert Conditions("robot", random_target=True).target_range() == RANDOM_TARGET_RANGE
-    full, half = RANDOM_TARGET_RANGE, Conditions("robot", random_target=True, severity=0.5).target_range()
+    assert target_range(ScenarioConfig("robot")) == USUAL_TARGET_RANGE
+    assert target_range(ScenarioConfig("robot", random_target=True)) == RANDOM_TARGET_RANGE
+    full, half = RANDOM_TARGET_RANGE, target_range(ScenarioConfig("robot", random_target=True, severity=0.5))
     assert (half.x, half.y, half.yaw_rad) == (full.x / 2, full.y / 2, full.yaw_rad / 2)
     assert full.x > 3 * USUAL_TARGET_RANGE.x
     generator = np.random.default_rng(0)

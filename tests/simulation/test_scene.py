@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geoskill.config import ScenarioConfig
 from geoskill.geometry.camera import back_project, project
 from geoskill.geometry.poses import inverse, rotation_vector, transform
-from geoskill.simulation.conditions import Conditions
 from geoskill.simulation.ground_truth import FrameGroundTruth
 from geoskill.simulation.recording import Cloth, Recording, pack
 from geoskill.simulation.roles import SceneRole
@@ -179,7 +179,7 @@ def test_folded_end_of_the_cloth_lies_on_the_mark(recorded: Recorded, actor: str
 @pytest.mark.parametrize("task", ["sorting", "folding"])
 def test_recording_is_repeatable(recorded: Recorded, task_named: Callable[[str], Task], task: str) -> None:
     first = pack(recorded(task, "demonstration"))
-    again = pack(record(RecordingSettings(task_named(task), Conditions("human"), 0, "demonstration", 32)))
+    again = pack(record(RecordingSettings(task_named(task), ScenarioConfig("human"), 0, "demonstration", 32)))
     assert first.keys() == again.keys()
     for name, array in first.items():
         assert array.tobytes() == again[name].tobytes(), name
@@ -205,11 +205,11 @@ def test_episode_changes_placements_and_seed_changes_appearance(recorded: Record
 
 def test_stride_does_not_change_the_motion(recorded: Recorded, task_named: Callable[[str], Task], opengl: None) -> None:
     coarse = recorded("sorting", "demonstration")
-    fine = record(RecordingSettings(task_named("sorting"), Conditions("human"), 0, "demonstration", 16))
+    fine = record(RecordingSettings(task_named("sorting"), ScenarioConfig("human"), 0, "demonstration", 16))
     np.testing.assert_array_equal(fine.poses[: 2 * len(coarse) - 2 : 2], coarse.poses[:-1])
     np.testing.assert_array_equal(fine.poses[-1], coarse.poses[-1])
     with pytest.raises(ValueError, match="stride=0: expected at least 1"):
-        RecordingSettings(task_named("sorting"), Conditions("human"), 0, "demonstration", 0)
+        RecordingSettings(task_named("sorting"), ScenarioConfig("human"), 0, "demonstration", 0)
 
 
 # The contract of the scenarios, tested on every 6th frame.

@@ -112,7 +112,7 @@ CASES: list[tuple[tuple[str, ...], object, str]] = [
     (
         (*ROOT, "scene", "scenario", "severity"),
         9,
-        "the skill's provenance.scene.scenario: severity=9: expected a number of at least 0 and of at most 1.5",
+        "the skill's provenance.scene.scenario: severity=9: expected a number of at least 0 and at most 1.5",
     ),
     (
         (*ROOT, "scene", "scenario", "actor"),
