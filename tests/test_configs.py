@@ -320,7 +320,9 @@ def test_every_training_and_test_set_of_a_study_composes(name: str, tmp_path: Pa
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("ablation_")])
 def test_ablations_are_the_same_as_an_experiment_and_as_a_study(name: str) -> None:
     swept = dict(compose("train", [f"experiment={name}"], return_hydra_config=True).hydra.sweeper.params)
-    study = Study.from_plain(as_plain(OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True)))
+    study = Study.from_plain(
+        as_plain(OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True))
+    )
     assert swept.pop("seed").split(",") == [str(seed) for seed in study.seeds]
     [(key, values)] = swept.items()
     assert list(study.variants.values()) == [[f"{key}={value}"] for value in values.split(",")]

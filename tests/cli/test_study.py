@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 import yaml
-from omegaconf import OmegaConf
 
 from geoskill.cli.study import Job, Step, Study
 from geoskill.errors import InputError
@@ -78,7 +77,7 @@ def test_from_plain_refuses(settings: dict[str, Any], message: str) -> None:
 
 def test_from_plain_needs_a_name() -> None:
     with pytest.raises(InputError, match=r"artifact\.name is not set"):
-        Study.from_plain(({"seeds": [0], "variants": {"default": []}}))
+        Study.from_plain({"seeds": [0], "variants": {"default": []}})
 
 
 def test_a_step_is_complete_with_its_metrics(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
-from geoskill.schema import as_written
 from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
+from geoskill.schema import as_written
 
 
 def without_goal(**values: Any) -> ObjectiveConfig:
