@@ -281,14 +281,22 @@ def test_build_refuses_unknown_arguments(kind: str) -> None:
         build_skill(SkillSpec.from_plain(plain))
 
 
-@pytest.mark.parametrize("arguments", [{"hidden_dim": "8"}, {"hidden_dim": None}, {"hidden_dim": 0}, {}])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"hidden_dim": "8"}, "hidden_dim=8: expected a whole number of at least 1"),
+        ({"hidden_dim": None}, "hidden_dim=null: expected a whole number of at least 1"),
+        ({"hidden_dim": 0}, "hidden_dim=0: expected a whole number of at least 1"),
+        ({"hidden_dim": 4, "layers": 2}, "model=bilinear has no argument 'layers'; expected hidden_dim"),
+    ],
+)
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_build_refuses_arguments_that_a_class_does_not_take(arguments: dict[str, Any]) -> None:
+def test_from_plain_refuses_arguments_that_a_network_does_not_take(arguments: dict[str, Any], message: str) -> None:
     plain = copy.deepcopy(PLAIN)
     plain["model"]["arguments"] = arguments
-    with pytest.raises(InputError, match=r"hidden_dim|'<' not supported") as caught:
-        build_skill(SkillSpec.from_plain(plain))
-    assert "\n" not in str(caught.value)
+    with pytest.raises(InputError) as caught:
+        SkillSpec.from_plain(plain)
+    assert str(caught.value) == message
 
 
 REMOVED = object()
