@@ -52,9 +52,9 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     use_threads(config.threads)
     store = open_disk_cache(config.cache)
     simulated = isinstance(config.task, SimulatedTaskConfig)
-    first: list[LabeledSequence] = []
+    first: "list[LabeledSequence]" = []
 
-    def as_source(sequence: LabeledSequence) -> FrameSource:
+    def as_source(sequence: "LabeledSequence") -> "FrameSource":
         first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
         pictures = [frame.image for frame in sequence.frames]
         return ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
