@@ -52,7 +52,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     use_threads(config.threads)
     store = open_disk_cache(config.cache)
     simulated = isinstance(config.task, SimulatedTaskConfig)
-    first: "list[LabeledSequence]" = []
+    first: list[LabeledSequence] = []
 
     def as_source(sequence: "LabeledSequence") -> "FrameSource":
         first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
