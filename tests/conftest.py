@@ -8,18 +8,17 @@ import cv2
 import jaxtyping
 import numpy as np
 import pytest
-import yaml
 
 import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
+from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
-from geoskill.skill.spec import describe
+from geoskill.skill.spec import SkillSpec, plan_skill
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
 
 pytest_plugins = ["tests.training_runs"]
 
-CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
 BLOCKS = Path(__file__).resolve().parents[2] / "shared" / "data" / "blocks"
 
@@ -74,25 +73,15 @@ def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def small_model() -> dict[str, Any]:
-    """The default network as configured, but of 8 hidden units and 2 steps."""
-    settings = yaml.safe_load((CONFIGURATION / "model" / "default.yaml").read_text(encoding="utf-8"))
-    assert {"hidden_dim", "layers"} <= settings.keys()
-    return {**settings, "hidden_dim": 8, "layers": 2}
+    """Return the default network, but of 8 hidden units and 2 steps, as ``model=`` of a configuration."""
+    return {"name": "message_passing", "hidden_dim": 8, "layers": 2}
 
 
 @pytest.fixture(scope="session")
-def description(small_model: dict[str, Any]) -> dict[str, Any]:
-    """A skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a kind and 4 alternatives each."""
-    return describe(
-        {
-            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
-            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
-        },
-        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        small_model,
-        {"max_features": 10, "min_side": 0},
-        alternatives=4,
-    )
+def spec(small_model: dict[str, Any]) -> SkillSpec:
+    """Return a skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a type and a top_k of 4."""
+    features = FeaturesConfig(max_features=10, min_side=0, color=0.0)
+    return plan_skill(["p2p", "p2l"], ["sift", "lbd"], small_model, features, top_k=4)
 
 
 @pytest.fixture(scope="session")

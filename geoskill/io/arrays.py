@@ -32,7 +32,7 @@ class ArrayFrames(FrameSource):
         if len(pictures) == 0:
             raise InputError(f"{name}: no picture; expected a demonstration")
         for number, picture in enumerate(pictures):
-            shape, dtype = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+            shape, dtype = getattr(picture, "shape", ()), getattr(picture, "dtype", type(picture).__name__)
             if len(shape) != 3 or shape[2] != 3 or dtype != np.uint8 or 0 in shape:
                 raise InputError(
                     f"{name}: picture {number} is {dtype} {list(shape)}; expected uint8 [height, width, 3], RGB"

@@ -25,9 +25,9 @@ from geoskill.skill.spec import build_skill, plan_skill
 from geoskill.training.calibration import fit_reference_margin
 from geoskill.training.callbacks import MetricsTable, SkillRecord
 from geoskill.training.module import SkillTraining
-from geoskill.training.prepare import Source, as_sources, prepare
+from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepare
 from geoskill.training.quiet import quiet_libraries
-from geoskill.training.resume import initialize, require_same_run, require_same_spans
+from geoskill.training.resume import initialize, is_complete, require_same_run, require_same_spans
 from geoskill.training.statistics import fit_statistics
 from geoskill.training.trainer import build_optimizer, build_trainer
 
@@ -111,9 +111,11 @@ def learn(
     sources = as_sources(demonstrations)
     count = len(sources) if isinstance(sources, Sequence) else count
     if count == 0:
-        raise InputError("no demonstration; expected a video file, a folder of images, or an array of pictures")
+        raise InputError(f"no demonstration; expected {DEMONSTRATIONS}")
     stored = None if resume is None else read_skill(resume)
     if stored is not None:
+        if init_from is not None:
+            raise InputError(f"init_from={init_from}: expected none, as the training of {resume} goes on")
         require_same_run(stored, spec, scene, count or len(stored.provenance.sources))
     components = build_skill(spec, cache, config.seed)
     if init_from is not None:
@@ -131,8 +133,8 @@ def learn(
         demonstration, provenance = prepare(config, sources, components, progress, scene)
         if stored is not None:
             require_same_spans(stored, demonstration.spans)
-            if stored.provenance.epochs[0] >= config.trainer.max_epochs:
-                return _finish(stored, demonstration, cache, checkpoint, config.trainer.max_epochs)
+            if is_complete(stored, config):
+                return _finish(stored, demonstration, cache, checkpoint, curves, config.trainer.max_epochs)
         fit_statistics(
             components.members,
             demonstration,
@@ -170,6 +172,7 @@ def _finish(
     demonstration: Demonstrations,
     cache: FeatureCache | None,
     checkpoint: str | Path | None,
+    curves: str | Path | None,
     epochs: int,
 ) -> LearnedSkill:
     """Return the skill of a checkpoint that has all of its epochs, calibrated if it was not."""
@@ -183,9 +186,10 @@ def _finish(
         contents |= {"skill": skill_entry(stored.spec, provenance), "state_dict": weights}
     if checkpoint is not None:
         write_checkpoint(checkpoint, contents)
-    rows: list[dict[str, float]] = next(
-        (state["rows"] for name, state in contents["callbacks"].items() if name.startswith("MetricsTable")), []
-    )
-    last = {name: value for name, value in (rows[-1] if rows else {}).items() if "/" in name}
+    table = MetricsTable(None if curves is None else Path(curves))
+    states: Mapping[str, Any] = contents["callbacks"]
+    table.load_state_dict(states[table.state_key])
+    table.write()
+    last = {name: value for name, value in (table.rows[-1] if table.rows else {}).items() if "/" in name}
     metrics = {**provenance.metrics, **last, "steps": float(contents["global_step"])}
-    return LearnedSkill(Skill(components, stored.spec, provenance), metrics, rows)
+    return LearnedSkill(Skill(components, stored.spec, provenance), metrics, table.rows)

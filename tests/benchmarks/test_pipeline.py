@@ -18,7 +18,7 @@ from geoskill.benchmarks.rates import relative_rate
 from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
 from geoskill.io.video import ImageFolder
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec, build_skill
 
 WORKLOADS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
 
@@ -75,8 +75,8 @@ def test_relative_rate_compares_within_a_round() -> None:
 
 
 @pytest.fixture
-def stages(demonstration_folder: Path, description: dict[str, Any]) -> Stages:
-    return Stages.of(ImageFolder(demonstration_folder), 4, build(description), "cpu", 3)
+def stages(demonstration_folder: Path, spec: SkillSpec) -> Stages:
+    return Stages.of(ImageFolder(demonstration_folder), 4, build_skill(spec), "cpu", 3)
 
 
 def test_workloads_process_all_frames_with_the_same_skill(
@@ -161,11 +161,11 @@ def test_pipeline_rejects_bad_input(
     assert not (tmp_path / "pipeline.json").exists()
 
 
-def test_stages_reject_video_without_features(tmp_path: Path, description: dict[str, Any]) -> None:
+def test_stages_reject_video_without_features(tmp_path: Path, spec: SkillSpec) -> None:
     import cv2
 
     from geoskill.errors import InputError
 
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((60, 80, 3), np.uint8))
     with pytest.raises(InputError, match=r"no point in 1 frames; expected some for p2p_sift"):
-        Stages.of(ImageFolder(tmp_path), 4, build(description), "cpu", 2)
+        Stages.of(ImageFolder(tmp_path), 4, build_skill(spec), "cpu", 2)

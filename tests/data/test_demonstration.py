@@ -12,7 +12,7 @@ from geoskill.data.demonstration import Demonstration, time_spans
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.prefetch import Progress
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.tracking.flow import track_between
 
 # A `Training` is what the fixtures of conftest.py make; see there.
@@ -68,9 +68,9 @@ def test_demonstration_has_every_pair_of_frames_a_span_apart(demonstration: Demo
 
 
 def test_transition_has_both_frames_of_every_member(
-    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
-    pipelines = build(description).pipelines
+    pipelines = build_skill(spec).pipelines
     points = [pipelines["sift"].extract(frame).geometry for frame in demonstration_frames]
     lines = [pipelines["lbd"].extract(frame).geometry for frame in demonstration_frames]
     for index, (t, span) in enumerate(frames_and_spans(demonstration)):
@@ -124,35 +124,33 @@ def test_transition_displacements_of_a_moving_tile(demonstration: Demonstration)
 
 def demonstration_of(
     frames: Sequence[np.ndarray],
-    description: dict[str, Any],
+    spec: SkillSpec,
     gap: int = 2,
     progress: Progress = lambda items, text: items,
 ) -> Demonstration:
     """Transitions over the gap alone, without negatives."""
-    parts = build(description)
+    parts = build_skill(spec)
     return Demonstration(
         frames, parts.pipelines, parts.members, gap=gap, max_span_ratio=0.0, num_negatives=0, progress=progress
     )
 
 
-def test_demonstration_reports_progress(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
-) -> None:
+def test_demonstration_reports_progress(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
     reports = []
 
     def progress(items: Any, text: str) -> Any:
         reports.append((text, len(items)))
         return items
 
-    demonstration_of(demonstration_frames[:4], description, progress=progress)
+    demonstration_of(demonstration_frames[:4], spec, progress=progress)
     assert reports == [("extracting features", 4), ("following motion", 2)]
 
 
 @pytest.mark.slow
 def test_demonstration_does_not_depend_on_threads(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
-    parts = build(description)
+    parts = build_skill(spec)
     single, threaded = (
         Demonstration(
             demonstration_frames[:8],
@@ -182,25 +180,25 @@ def test_demonstration_does_not_depend_on_threads(
 def test_demonstration_rejects_frames_without_instances(training_of: Callable[..., Training]) -> None:
     flat = [np.full((60, 80, 3), value, np.uint8) for value in (90, 100, 110, 120)]
     for name, types in (("p2p_sift", "point"), ("p2l_sift_lbd", "point and line")):
-        description = training_of(name).description
+        spec = training_of(name).spec
         with pytest.raises(
             InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
         ):
-            demonstration_of(flat, description)
+            demonstration_of(flat, spec)
 
 
 def test_demonstration_rejects_a_gap_of_its_length(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
     with pytest.raises(InputError, match=r"has 5 frames; expected more than gap=5"):
-        demonstration_of(demonstration_frames[:5], description, gap=5)
+        demonstration_of(demonstration_frames[:5], spec, gap=5)
 
 
 def test_graph_without_negatives_limits_the_features(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The strongest and the weakest are among them; a training step has all features."""
-    demonstration = demonstration_of(demonstration_frames[:4], description)
+    demonstration = demonstration_of(demonstration_frames[:4], spec)
     name = "p2p_sift"
     complete = demonstration.graph_without_negatives(name, 0)
     count = complete.node_count(NodeType.POINT)

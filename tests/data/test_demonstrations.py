@@ -1,24 +1,22 @@
 """Several demonstrations as one: every transition is there once, under the right span."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.demonstration import Demonstration
 from geoskill.data.demonstrations import Demonstrations
 from geoskill.geometry.primitives import NodeType
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.objective.reward import beta_from_changes
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.training.error_changes import error_changes, fit_reward_scale
 
 MEMBER = "p2p_sift"
 
 
-def demonstration_of(frames: tuple[np.ndarray, ...], description: dict[str, Any], gap: int = 2) -> Demonstration:
-    components = build(description)
+def demonstration_of(frames: tuple[np.ndarray, ...], spec: SkillSpec, gap: int = 2) -> Demonstration:
+    components = build_skill(spec)
     return Demonstration(
         frames,
         components.pipelines,
@@ -31,11 +29,11 @@ def demonstration_of(frames: tuple[np.ndarray, ...], description: dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def singles(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> list[Demonstration]:
+def singles(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> list[Demonstration]:
     """A short one, spans of 2 and 4, and a long one, spans of 2, 4 and 8; the long one begins with the short one."""
     return [
-        demonstration_of(demonstration_frames[:8], description),
-        demonstration_of(demonstration_frames, description),
+        demonstration_of(demonstration_frames[:8], spec),
+        demonstration_of(demonstration_frames, spec),
     ]
 
 
@@ -77,9 +75,9 @@ def test_demonstrations_frames_and_descriptors(singles: list[Demonstration], bot
     assert torch.equal(descriptors, torch.cat([frame.point_descriptor for frame in frames]))
 
 
-def test_reward_scale_of_several_demonstrations(both: Demonstrations, description: dict[str, Any]) -> None:
-    members = {MEMBER: build(description).members[MEMBER]}
-    objective = ObjectiveSettings()
+def test_reward_scale_of_several_demonstrations(both: Demonstrations, spec: SkillSpec) -> None:
+    members = {MEMBER: build_skill(spec).members[MEMBER]}
+    objective = ObjectiveConfig()
     fit_reward_scale(members, both, objective)
     for span, beta in enumerate(members[MEMBER].beta):
         graphs = [
@@ -93,10 +91,10 @@ def test_reward_scale_of_several_demonstrations(both: Demonstrations, descriptio
 
 
 def test_demonstrations_reject_none_and_different_gaps(
-    singles: list[Demonstration], demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+    singles: list[Demonstration], demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
     with pytest.raises(ValueError, match="no demonstration; expected at least one"):
         Demonstrations([])
-    other_gap = demonstration_of(demonstration_frames, description, gap=3)
+    other_gap = demonstration_of(demonstration_frames, spec, gap=3)
     with pytest.raises(ValueError, match="expected the same gap"):
         Demonstrations([singles[0], other_gap])

@@ -8,15 +8,16 @@ import pytest
 import torch
 from torch import Tensor
 
+from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
-from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, transition_objective
+from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
 
 
-def without_goal(**values: Any) -> ObjectiveSettings:
+def without_goal(**values: Any) -> ObjectiveConfig:
     """The paper's objective, which has no goal term."""
-    return ObjectiveSettings(goal_weight=0.0, **values)
+    return ObjectiveConfig(goal_weight=0.0, **values)
 
 
 def two_frames(
@@ -58,7 +59,7 @@ def test_goal_term_by_hand() -> None:
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
-    settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
+    settings = ObjectiveConfig(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
@@ -75,7 +76,7 @@ def test_goal_term_by_hand() -> None:
 @pytest.mark.usefixtures("annotations_unchecked")
 def test_objective_with_goal_rejects_selections_without_progress() -> None:
     with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for goal_weight=1\.0$"):
-        transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND)
+        transition_objective(ObjectiveConfig(), 0.6, FIRST, SECOND)
     with pytest.raises(ValueError, match="goal_progress has 2 rows for 4 instances; expected as many"):
         replace(FIRST, goal_progress=torch.zeros(2, dtype=torch.float64))
 
@@ -203,7 +204,7 @@ def test_objective_keeps_float32() -> None:
 
 
 def test_objective_settings_defaults() -> None:
-    settings = ObjectiveSettings()
+    settings = ObjectiveConfig()
     assert (settings.sigma0, settings.rsw_weight, settings.top_k, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
     assert (settings.goal_weight, settings.goal_temperature, settings.goal_scale) == (1.0, 0.1, 200.0)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
@@ -213,34 +214,35 @@ def test_objective_settings_defaults() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("sigma0", 0.0, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", 5e3, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", math.nan, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", "wide", "a standard deviation from 0.001 to 1000"),
-        ("sigma0", None, "a standard deviation from 0.001 to 1000"),
-        ("rsw_weight", -0.1, "a number that is not negative"),
-        ("rsw_weight", math.inf, "a number that is not negative"),
+        ("sigma0", 0.0, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", 5e3, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", math.nan, "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", "wide", "a number of at least 0.001 and of at most 1000"),
+        ("sigma0", None, "a number of at least 0.001 and of at most 1000"),
+        ("rsw_weight", -0.1, "a number of at least 0"),
+        ("rsw_weight", math.inf, "a number of at least 0"),
         ("top_k", 0, "a whole number of at least 1"),
         ("top_k", 2.5, "a whole number of at least 1"),
         ("top_k", True, "a whole number of at least 1"),
         ("value_samples", 0, "a whole number of at least 1"),
         ("gradient_samples", -3, "a whole number of at least 1"),
-        ("beta_scale", 0.0, "a positive number"),
-        ("beta_scale", math.nan, "a positive number"),
-        ("goal_weight", -1.0, "a number that is not negative"),
-        ("goal_temperature", 0.0, "a positive number"),
-        ("goal_temperature", [0.1], "a positive number"),
-        ("goal_scale", math.inf, "a positive number"),
-        ("reward", "both", "one of tracked, frame"),
-        ("error_reduction", "sum", "one of norm, vector"),
-        ("partition", "closed", "one of exact, monte_carlo"),
-        ("partition", ["exact"], "one of exact, monte_carlo"),
+        ("beta_scale", 0.0, "a number above 0"),
+        ("beta_scale", math.nan, "a number above 0"),
+        ("goal_weight", -1.0, "a number of at least 0"),
+        ("goal_temperature", 0.0, "a number above 0"),
+        ("goal_temperature", [0.1], "a number above 0"),
+        ("goal_scale", math.inf, "a number above 0"),
+        ("reward", "both", "tracked or frame"),
+        ("error_reduction", "sum", "norm or vector"),
+        ("partition", "closed", "exact or monte_carlo"),
+        ("partition", ["exact"], "exact or monte_carlo"),
     ],
 )
 def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
-        ObjectiveSettings(**{key: value})
-    assert str(error.value) == f"{key}={value}: expected {expected}"
+        ObjectiveConfig(**{key: value})
+    shown = "null" if value is None else value
+    assert str(error.value) == f"{key}={shown}: expected {expected}"
 
 
 @pytest.mark.usefixtures("annotations_unchecked")

@@ -26,16 +26,8 @@ def test_it_is_the_median_over_the_frames(training: Training) -> None:
 
 def test_it_is_that_of_the_scores_that_a_skill_uses(training: Training) -> None:
     """Which, of more instances than a cascade looks at, are partly estimates."""
-    model = {
-        "_target_": "geoskill.model.message_passing.MessagePassing",
-        "_partial_": True,
-        "hidden_dim": 8,
-        "layers": 2,
-        "shared_weights": True,
-        "read_out": "product",
-        "cascade": 3,
-    }
-    members = training.members(model)
+    model = {"name": "message_passing", "hidden_dim": 8, "layers": 2, "encoder_dim": None, "prototypes": None}
+    members = training.members({**model, "cascade": 3})
     name, member = next(iter(members.items()))
     fit_reference_margin(members, training.demonstration)
     graphs = list(training.demonstration.frames(name))

@@ -1,8 +1,6 @@
 """The table of curves, and a checkpoint from which training goes on exactly as it would have."""
 
 import csv
-import signal
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -41,14 +39,6 @@ def whole(training: Training, tmp_path_factory: pytest.TempPathFactory) -> Whole
     table = training.run(module, folder, epochs=4)
     assert len(table.rows) == 12
     return Whole(folder, table, flat(module))
-
-
-@pytest.fixture
-def interrupts() -> Iterator[None]:
-    """Lightning switches Ctrl-C off when it is interrupted."""
-    handler = signal.getsignal(signal.SIGINT)
-    yield
-    signal.signal(signal.SIGINT, handler)
 
 
 @final

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.demonstration import Demonstration
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
@@ -20,7 +21,6 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.objective.goal import goal_progress
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.tracking.motion import Displacement, Trajectory
 from geoskill.training.error_changes import error_changes, fit_reward_scale, instance_goal_progress
 
@@ -118,7 +118,7 @@ def test_reward_scale_has_one_beta_per_span(hand_made: HandMade) -> None:
             approach(2, 20, 20.25),  # nothing moves over this span
         ],
     )
-    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="absolute", beta_scale=3.0))
+    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig(change="absolute", beta_scale=3.0))
     assert member.spans.tolist() == [2, 4, 8]
     # 3 over the medians (2 + 6) / 2 and (6 + 12) / 2
     torch.testing.assert_close(member.beta, torch.tensor([3 / 4, 3 / 9, 0.0]))
@@ -128,7 +128,7 @@ def test_reward_scale_uses_instances_that_move_in_pixels(hand_made: HandMade) ->
     member = member_of(PointToPoint())
     # The first pair moves by half a pixel only, though that is a large part of its distance.
     demonstration = hand_made((2,), [approach(0, 0.6, 0.1), approach(0, 20, 10), approach(0, 40, 20)])
-    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="relative", beta_scale=1.5))
+    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig(change="relative", beta_scale=1.5))
     median = (10 / 34 + 20 / 64) / 2
     torch.testing.assert_close(member.beta, torch.tensor([1.5 / median]))
 
@@ -140,21 +140,21 @@ def test_reward_scale_rejects_a_demonstration_at_rest(hand_made: HandMade) -> No
         InputError,
         match=r"^nothing moves in the demonstration: no p2p_sift association .* more than 1; expected a video",
     ):
-        fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings())
+        fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig())
     assert member.beta.shape == (0,)
 
 
 def test_reward_scale_rejects_a_video_at_rest(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...]
 ) -> None:
-    still = type(training_of("p2p_sift"))([demonstration_frames[4]] * 5, training_of("p2p_sift").description)
+    still = type(training_of("p2p_sift"))([demonstration_frames[4]] * 5, training_of("p2p_sift").spec)
     with pytest.raises(InputError, match="nothing moves in the demonstration"):
         still.module()
 
 
 def test_reward_scale_gives_the_median_change_its_reward(training: Training, demonstration: Demonstration) -> None:
     members = training.members()
-    fit_reward_scale(members, demonstration, ObjectiveSettings(beta_scale=1.5))
+    fit_reward_scale(members, demonstration, ObjectiveConfig(beta_scale=1.5))
     for name, member in members.items():
         for span_index, beta in enumerate(member.beta):
             sizes = []

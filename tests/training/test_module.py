@@ -11,14 +11,15 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geoskill.skill.skill import Skill, read_checkpoint
+from geoskill.skill.checkpoint import read_skill
+from geoskill.skill.skill import Skill
 from geoskill.training.callbacks import MetricsTable
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
 
 P2P, P2L = "p2p_sift", "p2l_sift_lbd"
-BILINEAR = {"_target_": "geoskill.model.bilinear.Bilinear", "_partial_": True, "hidden_dim": 8}
+BILINEAR = {"name": "bilinear", "hidden_dim": 8}
 
 
 def flat(module: nn.Module) -> Tensor:
@@ -142,7 +143,7 @@ def test_a_checkpoint_holds_plain_types_only(training: Training, tmp_path: Path)
     strange = set(types_within(checkpoint)) - {dict, list, tuple, str, int, float, bool, type(None), Tensor}
     # `state_dict()` of PyTorch gives an OrderedDict.
     assert {kind.__name__ for kind in strange} <= {"OrderedDict"}
-    assert read_checkpoint(tmp_path / "skill.ckpt")["skill"] == training.description
+    assert read_skill(tmp_path / "skill.ckpt").spec == training.spec
     assert "hyper_parameters" not in checkpoint
 
 
@@ -213,7 +214,7 @@ def test_frames_without_any_feature_do_no_harm(
     frames = list(demonstration_frames[:10])
     for number in (0, 3, 9):
         frames[number] = np.full_like(frames[number], 128)
-    gappy = type(training)(frames, training.description)
+    gappy = type(training)(frames, training.spec)
     module = gappy.module()
     table = gappy.run(module, tmp_path, epochs=2, limit_train_batches=1.0)
     assert all(np.isfinite(list(row.values())).all() for row in table.rows)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from geoskill.config import ObjectiveConfig
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, motif_graph
@@ -16,7 +17,6 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.tracking.motion import Displacement
 from geoskill.training.node_order import MIN_NOISE, fit_node_order
 
@@ -25,7 +25,7 @@ Training = Any
 HandMade = Any
 
 WIDTH = 4
-OBJECTIVE = ObjectiveSettings()
+OBJECTIVE = ObjectiveConfig()
 
 
 def member_of(kernel: Kernel, beta: float = 2.0) -> KernelModel:
