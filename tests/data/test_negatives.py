@@ -10,12 +10,13 @@ import torch
 
 from geoskill.data.dead_leaves import dead_leaves
 from geoskill.data.demonstration import Demonstration
-from geoskill.data.negatives import LEAVES_PER_FRAME, TRANSFORMS, append_negatives, synthesize_negatives
+from geoskill.data.negatives import TRANSFORMS, append_negatives, synthesize_negatives
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tuning import NegativesConfig
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -37,7 +38,7 @@ def test_negatives_come_from_transformed_frames_and_dead_leaves(demonstration_fr
     known = {row.tobytes() for row in negatives.descriptors}
     assert {row.tobytes() for row in mirrored.descriptors} | {row.tobytes() for row in negative.descriptors} <= known
     of_transformed_frames = len(frames) * len(TRANSFORMS) * 20
-    assert len(negatives) > of_transformed_frames + len(frames) * LEAVES_PER_FRAME * 10, (
+    assert len(negatives) > of_transformed_frames + len(frames) * NegativesConfig().leaves_per_frame * 10, (
         "and of leaves, at most 20 from each picture"
     )
     assert np.array_equal(synthesize_negatives(frames, pipeline, progress).descriptors, negatives.descriptors)

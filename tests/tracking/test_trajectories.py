@@ -8,9 +8,11 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Trajectory
 from geoskill.tracking.tracks import neighbor_flows
-from geoskill.tracking.trajectories import ANCHORS, trajectories
+from geoskill.tracking.trajectories import trajectories
+from geoskill.tuning import TrajectoryConfig
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
+ANCHORS = TrajectoryConfig().anchors
 FRAMES, STEP = 31, np.array([2.0, 0.0], np.float32)
 HEIGHT, WIDTH = 120, 220
 # Positions in frame 0 on the patch, which moves by STEP per frame until frame REST, and on the resting background.
