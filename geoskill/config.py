@@ -172,8 +172,8 @@ class SelectionConfig(Config):
 
     min_drawn_weight: float = _min_drawn_weight()
     temporal: str = _temporal()
-    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
     abstain: float = _abstain()
+    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
 
 
 @final
@@ -184,8 +184,8 @@ class InferenceConfig(Config):
     top_k: int = setting(10, "Associations listed per frame and member.", at_least=1)
     min_drawn_weight: float = _min_drawn_weight()
     temporal: str = _temporal()
-    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
     abstain: float = _abstain()
+    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
 
 
 @final

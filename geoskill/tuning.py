@@ -30,8 +30,8 @@ class TrajectoryConfig(Config):
     )
     max_gap_hops: int = setting(
         32,
-        "Hops of `demonstration.gap` frames for which a feature may go undetected; after a longer gap it is rarely found"
-        " again.",
+        "Hops of `demonstration.gap` frames for which a feature may go undetected; after a longer gap it is rarely"
+        " found again.",
         at_least=1,
     )
     rest_px: float = setting(

@@ -44,6 +44,27 @@ def test_negatives_come_from_transformed_frames_and_dead_leaves(demonstration_fr
     assert np.array_equal(synthesize_negatives(frames, pipeline, progress).descriptors, negatives.descriptors)
 
 
+@pytest.mark.parametrize(("source_frames", "leaves_per_frame"), [(1, 0), (2, 1), (3, 0)])
+def test_negatives_come_from_as_many_pictures_as_configured(
+    demonstration_frames: tuple[np.ndarray, ...], source_frames: int, leaves_per_frame: int
+) -> None:
+    pipeline, reports = FeaturePipeline(Sift(), max_features=20, min_side=0), []
+    default = synthesize_negatives(demonstration_frames[:5], pipeline, lambda items, text: items)
+
+    def progress(items: Any, text: str) -> Any:
+        reports.append(list(items))
+        return items
+
+    config = NegativesConfig(source_frames, leaves_per_frame)
+    negatives = synthesize_negatives(demonstration_frames[:5], pipeline, progress, config=config)
+    assert reports == [{1: [0], 2: [0, 4], 3: [0, 2, 4]}[source_frames]]
+    pictures = source_frames * (len(TRANSFORMS) + leaves_per_frame)
+    assert 10 * pictures < len(negatives) <= 20 * pictures
+    known = {row.tobytes() for row in default.descriptors}
+    transformed = negatives.descriptors[: len(TRANSFORMS) * 20]
+    assert {row.tobytes() for row in transformed} <= known
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_dead_leaves_cover_the_picture(seed: int) -> None:
     picture = dead_leaves(120, 160, np.random.default_rng(seed))

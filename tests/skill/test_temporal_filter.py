@@ -1,6 +1,7 @@
 """Tests of the temporal filter on the frames of the fixture."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -92,9 +93,9 @@ def test_temporal_filter_keeps_sign_of_error(skill: Skill, demonstration_frames:
 
 def keep_weak_features(skill: Skill, selector: TemporalFilter, frame: np.ndarray) -> Association:
     """Select an association that joins neither of the two strongest points, and return it."""
-    skill.top_k = 1000
+    skill.spec = replace(skill.spec, top_k=1000)
     listed = of_points(selector.infer(frame))
-    skill.top_k = 4
+    skill.spec = replace(skill.spec, top_k=4)
     weak = next(a for a in listed if all(node.feature is not None and node.feature >= 2 for node in a.nodes))
     gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
     selector._selected[POINTS] = temporal_filter._Selected(weak, temporal_filter._appearance(weak.nodes, gray))
@@ -161,7 +162,7 @@ def test_temporal_filter_drops_lost_association(
 
 
 def test_temporal_filter_passes_co_motion_settings_on(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
-    """With the largest smallest displacement nothing is in co-motion, and the penalty changes nothing."""
+    """Where no displacement is large enough, nothing is in co-motion, and the penalty changes nothing."""
     config = TemporalFilterConfig(co_motion=CoMotionConfig(min_displacement_ratio=10.0), co_motion_penalty=100.0)
     default, without = TemporalFilter(skill), TemporalFilter(skill, config)
     unpenalized = TemporalFilter(skill, TemporalFilterConfig(co_motion_penalty=0.0))
@@ -177,7 +178,7 @@ def test_temporal_filter_passes_co_motion_settings_on(skill: Skill, demonstratio
 def test_temporal_filter_penalizes_co_moving_nodes(
     skill: Skill, demonstration_frames: Sequence[np.ndarray], config: TemporalFilterConfig | None
 ) -> None:
-    skill.top_k, last = 10000, 16
+    skill.spec, last = replace(skill.spec, top_k=10000), 16
     selector = TemporalFilter(skill, config)
     for small in demonstration_frames[: last + 1]:
         frame = np.asarray(cv2.resize(small, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), np.uint8)
@@ -205,9 +206,8 @@ def test_temporal_filter_penalizes_co_moving_nodes(
     assert len(co_moving) > 5
     np.testing.assert_allclose(separate, separate[0], atol=1e-5)
     # Not every point of a tile of a few plain squares can be tracked.
-    penalty = TemporalFilterConfig().co_motion_penalty * float(
-        skill.observe(frame).members[POINTS].scores.std(correction=0)
-    )
+    score_std = float(skill.observe(frame).members[POINTS].scores.std(correction=0))
+    penalty = (config or TemporalFilterConfig()).co_motion_penalty * score_std
     penalized = np.isclose(np.array(co_moving) - separate[0], -penalty, rtol=1e-3)
     assert penalized.sum() > len(co_moving) / 2
 

@@ -178,7 +178,7 @@ def test_co_moving_in_uniform_and_tiny_pictures() -> None:
         (CoMotionConfig(window_frames=2, min_displacement_ratio=0.01), True),
         (CoMotionConfig(min_displacement_ratio=0.2), False),
         (CoMotionConfig(min_background_ratio=1.0), False),
-        (CoMotionConfig(working_side=120), True),
+        (CoMotionConfig(working_side=480), True),
     ],
 )
 def test_co_moving_depends_on_config(config: CoMotionConfig, co_moving: bool) -> None:
