@@ -107,7 +107,7 @@ def _write_results(
     with quiet_libraries():
         if sequence.labels is not None:
             # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.
-            always = SelectionConfig(temporal=config.inference.temporal, abstain=0.0)
+            always = SelectionConfig(temporal=config.inference.temporal, filter=config.inference.filter, abstain=0.0)
             scores, _ = score(learned.skill, sequence.frames, sequence.labels, config.task.every, always)
             scores["evaluated_frames"] = scores["frames"]
             # Metrics of training and of all frames keep their meaning, labeled or not.
