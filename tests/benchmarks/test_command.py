@@ -94,7 +94,7 @@ def test_cascade_is_measured_only_above_its_number_of_instances(tmp_path: Path) 
         ("features=[1]", "features=1: expected whole numbers of at least 2"),
         ("repeats=0", "repeats=0: expected a whole number of at least 1"),
         ("threads=0", "threads=0: expected a whole number of at least 1"),
-        ("limit_s=-1", "limit_s=-1.0: expected a number above 0"),
+        ("limit_s=-1", "limit_s=-1: expected a number above 0"),
         ("device=tpu", "device=tpu: expected cpu or cuda"),
         ("feature=[8]", "Could not override 'feature'"),
     ],

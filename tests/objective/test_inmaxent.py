@@ -241,7 +241,7 @@ def test_objective_settings_defaults() -> None:
 def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
         ObjectiveConfig(**{key: value})
-    shown = "null" if value is None else value
+    shown = {None: "null", True: "true"}.get(value, value) if not isinstance(value, float | list) else value
     assert str(error.value) == f"{key}={shown}: expected {expected}"
 
 
