@@ -32,7 +32,7 @@ ROOMS = {
     "viz": "viz: pictures and video",
     "control": "control: visual servoing",
 }
-TOP_LEVEL = ("config", "plugins", "testing", "schema", "errors")
+TOP_LEVEL = ("config", "tuning", "plugins", "testing", "schema", "errors")
 
 
 def configuration() -> str:

@@ -7,18 +7,36 @@ class, never a module path: only what is installed here can be built from a chec
 """
 
 import functools
+import hashlib
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import Field, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points, packages_distributions
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, final
+from types import NoneType, UnionType
+from typing import Any, Final, TypeVar, Union, final, get_args, get_origin, get_type_hints
+from uuid import uuid4
 
 from geoskill.errors import InputError
+from geoskill.schema import check_value
 
 OWN_PACKAGE: Final = "geoskill"
+SCRIPT: Final = "__main__"
+"""Module, and so in place of a package, of classes that a script or notebook registers."""
+
+NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
+"""Names are parts of Hydra's overrides and of the keys of a checkpoint's weights."""
+
+PACKAGE: Final = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9._-]*[A-Za-z0-9_])?")
+"""Packages as the package index names them, and modules."""
+
+PLAIN: Final = (bool, int, float, str, NoneType)
+_PROCESS: Final = uuid4().hex
+
+C = TypeVar("C", bound=type)
 
 
 @final
@@ -30,12 +48,16 @@ class Registry:
         base: the abstract base class, as ``MODULE:CLASS``; built-in classes are files of that module's package.
         group: the group of entry points, such as ``geoskill.kernels``.
         given: arguments that this package passes to the constructor itself.
+        reserved: names of other choices on the command line.
     """
 
-    def __init__(self, kind: str, base: str, group: str, given: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, kind: str, base: str, group: str, given: tuple[str, ...] = (), reserved: tuple[str, ...] = ()
+    ) -> None:
         self.kind = kind
         self.group = group
         self.given = given
+        self.reserved = reserved
         self._base_module, _, self._base_name = base.partition(":")
         self._package = self._base_module.rpartition(".")[0]
         self._registered: dict[str, type] = {}
@@ -57,9 +79,10 @@ class Registry:
 
     @functools.cached_property
     def plug_ins(self) -> Mapping[str, EntryPoint]:
-        """Entry points of installed packages by name; built-in names are not among them."""
-        points = {point.name: point for point in entry_points(group=self.group)}
-        return {name: point for name, point in points.items() if name not in self.built_in}
+        """Entry points of installed packages by name; names that are taken or malformed are left out."""
+        taken = {*self.built_in, *self.reserved}
+        points = [own for own in entry_points(group=self.group) if NAME.fullmatch(own.name) and own.name not in taken]
+        return {point.name: point for point in reversed(points)}  # of rivals the first on the path, as for modules
 
     def names(self) -> tuple[str, ...]:
         """Return all names, built-in ones first."""
@@ -81,12 +104,18 @@ class Registry:
             return self._registered[name]
         if name in self.plug_ins:
             point = self.plug_ins[name]
+            rivals = {own.dist.name for own in entry_points(group=self.group, name=name) if own.dist is not None}
+            if len(rivals) > 1:
+                raise InputError(f"{self.kind}={name}: provided by {', '.join(sorted(rivals))}; expected one package")
             try:
-                return self._checked(name, point.load())
-            except InputError:
-                raise
-            except Exception as error:  # whatever a package of somebody else raises while it is imported
-                raise InputError(f"{self.kind}={name}: the plug-in {point.value} cannot be loaded ({error})") from error
+                cls = point.load()
+            except (Exception, SystemExit) as error:  # whatever somebody else's package raises while it is imported
+                raise InputError(
+                    f"{self.kind}={name}: the plug-in {point.value} cannot be loaded ({type(error).__name__}: {error})"
+                ) from error
+            return self._checked(name, cls)
+        if package == SCRIPT:
+            raise InputError(f"{self.kind}={name}: registered by the script that learned it; register it here too")
         if package not in (None, OWN_PACKAGE):
             raise InputError(f"{self.kind}={name}: provided by the package {package!r}, which is not installed here")
         raise InputError(f"{self.kind}={name}: no such {self.kind}; expected one of {', '.join(self.names())}")
@@ -99,7 +128,10 @@ class Registry:
         """
         name = str(getattr(cls, "name", ""))
         self._checked(name, cls)
-        if name in self.built_in or name in self.plug_ins:
+        point = self.plug_ins.get(name)
+        if point is not None and point.value == f"{cls.__module__}:{cls.__qualname__}":
+            return  # a plug-in that registers itself too
+        if name in (*self.built_in, *self.reserved) or point is not None:
             raise InputError(f"{self.kind}={name}: the name is taken; expected another one")
         self._registered[name] = cls
 
@@ -107,31 +139,36 @@ class Registry:
         """Return the package to install for a name."""
         if name in self.built_in:
             return OWN_PACKAGE
-        point = self.plug_ins.get(name)
+        point = None if name in self._registered else self.plug_ins.get(name)
         if point is not None and point.dist is not None:
             return point.dist.name
         top = self.get(name).__module__.partition(".")[0]
         return next(iter(packages_distributions().get(top, [top])))
 
     def parameters(self, name: str) -> Mapping[str, inspect.Parameter]:
-        """Return the arguments that a user may give to the class of this name.
+        """Return the arguments that a user may give to the class of this name; their annotations are types.
 
         Raises:
-            InputError: when there is no such class, or it takes arguments of other kinds.
+            InputError: when there is no such class, or it takes arguments that cannot be written down.
         """
-        found = inspect.signature(self.get(name)).parameters
+        cls = self.get(name)
+        try:
+            found = inspect.signature(cls).parameters
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.kind}={name}: the arguments of {cls.__name__} are not known ({error})") from error
+        try:
+            hints = get_type_hints(cls.__init__)  # type: ignore[misc]  # the constructor of a class, not of an object
+        except Exception:  # such as a type that only a type checker imports
+            hints = {}
         own = {key: parameter for key, parameter in found.items() if key not in self.given}
-        named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        strange = [key for key, parameter in own.items() if parameter.kind not in named]
-        if strange:
-            raise InputError(f"{self.kind}={name}: takes {', '.join(strange)}; expected named arguments only")
-        return own
+        return {key: self._plain(name, parameter, hints.get(key, Any)) for key, parameter in own.items()}
 
     def build(self, name: str, arguments: Mapping[str, Any], package: str | None = None) -> Callable[..., Any]:
         """Return the class of a name with a user's plain arguments bound to it.
 
         Raises:
-            InputError: when there is no such class or argument, or a value is not plain.
+            InputError: when there is no such class or argument, a value is not plain or of another type than the
+                constructor declares, or an argument without default is missing.
         """
         cls = self.get(name, package)
         known = self.parameters(name)
@@ -139,9 +176,31 @@ class Registry:
             if key not in known:
                 expected = ", ".join(known) or "no arguments"
                 raise InputError(f"{self.kind}={name} has no argument {key!r}; expected {expected}")
-            if not isinstance(value, bool | int | float | str | None):
+            if not isinstance(value, PLAIN):
                 raise InputError(f"{self.kind}={name}: {key} is {value!r}; expected a number, text, true or false")
+            self._check_type(name, key, value, known[key].annotation)
+        missing = [key for key, own in known.items() if own.default is own.empty and key not in arguments]
+        if missing:
+            raise InputError(f"{self.kind}={name}: expected a value for {', '.join(missing)}")
         return functools.partial(cls, **arguments)
+
+    def _plain(self, name: str, parameter: inspect.Parameter, hint: Any) -> inspect.Parameter:
+        """Return an argument of a class with the type that its value must have, or Any, for its annotation."""
+        if parameter.kind not in (parameter.KEYWORD_ONLY, parameter.POSITIONAL_OR_KEYWORD) or parameter.name == "name":
+            raise InputError(f"{self.kind}={name}: takes {parameter}; expected named arguments, none called name")
+        allowed = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        hint = hint if all(kind in PLAIN for kind in allowed) else Any
+        if parameter.default is None and hint is not Any:
+            hint |= None
+        elif parameter.default is not parameter.empty:
+            if not isinstance(parameter.default, PLAIN):
+                raise InputError(f"{self.kind}={name}: takes {parameter}; expected a number, text, true, false or None")
+            self._check_type(name, parameter.name, parameter.default, hint)
+        return parameter.replace(annotation=hint)
+
+    def _check_type(self, name: str, key: str, value: object, hint: Any) -> None:
+        unlimited: Field[Any] = field()
+        check_value(f"{self.kind}={name}: {key}", value, unlimited, hint)
 
     def _checked(self, name: str, cls: object) -> type:
         if not (isinstance(cls, type) and issubclass(cls, self.base)):
@@ -149,33 +208,42 @@ class Registry:
         if inspect.isabstract(cls):
             missing = ", ".join(sorted(cls.__abstractmethods__))  # type: ignore[attr-defined]
             raise InputError(f"{self.kind}={name}: {cls.__name__} lacks {missing}")
-        if not name or getattr(cls, "name", None) != name:
+        if not NAME.fullmatch(name):
+            raise InputError(f"{self.kind}={name}: expected a name of small letters, digits and underscores")
+        if getattr(cls, "name", None) != name:
             raise InputError(
                 f"{self.kind}={name}: {cls.__name__}.name is {getattr(cls, 'name', None)!r}; expected {name!r}"
             )
         return cls
 
 
-KERNELS: Final = Registry("kernel", "geoskill.kernels.kernel:Kernel", "geoskill.kernels")
+KERNELS: Final = Registry("kernel", "geoskill.kernels.kernel:Kernel", "geoskill.kernels", reserved=("p2p_l2l",))
 EXTRACTORS: Final = Registry("descriptor", "geoskill.features.extractor:FeatureExtractor", "geoskill.extractors")
-SCORERS: Final = Registry("model", "geoskill.model.scorer:InstanceScorer", "geoskill.scorers", given=("motif",))
-TASKS: Final = Registry("task", "geoskill.simulation.tasks.task:Task", "geoskill.tasks")
+SCORERS: Final = Registry(
+    "model",
+    "geoskill.model.scorer:InstanceScorer",
+    "geoskill.scorers",
+    given=("motif",),
+    reserved=("default", "paper"),
+)
+TASKS: Final = Registry("task", "geoskill.simulation.tasks.task:Task", "geoskill.tasks", reserved=("video",))
 REGISTRIES: Final = (KERNELS, EXTRACTORS, SCORERS, TASKS)
 
 
-def register(cls: type) -> type:
+def register(cls: C) -> C:
     """Make a kernel, descriptor, network or simulated task known by its ``name``; usable as a class decorator.
 
     Raises:
         InputError: when it is none of these, or its name is taken.
     """
-    ancestors = {f"{base.__module__}:{base.__qualname__}" for base in cls.__mro__}
+    ancestors = {f"{base.__module__}:{base.__qualname__}" for base in getattr(cls, "__mro__", ())}
     for registry in REGISTRIES:
         if f"{registry._base_module}:{registry._base_name}" in ancestors:
             registry.register(cls)
             return cls
+    shown = getattr(cls, "__name__", repr(cls))
     raise InputError(
-        f"{cls.__name__}: cannot be registered; expected a subclass of Kernel, FeatureExtractor, InstanceScorer or Task"
+        f"{shown}: cannot be registered; expected a subclass of Kernel, FeatureExtractor, InstanceScorer or Task"
     )
 
 
@@ -185,6 +253,20 @@ def class_named(module: str, name: str) -> object:
         if isinstance(value, type) and value.__module__ == module and value.__dict__.get("name") == name:
             return value
     raise InputError(f"{module}: no class has the name {name!r}")
+
+
+def code_identity(cls: type) -> str:
+    """Return what the results of a class depend on beside its arguments, for the keys of caches.
+
+    Nothing for classes of this package, whose caches have versions; a digest of the file of others; where there is no
+    file, as for a class of a notebook, a text that only this process has.
+    """
+    if cls.__module__.partition(".")[0] == OWN_PACKAGE:
+        return ""
+    try:
+        return hashlib.sha256(Path(inspect.getfile(cls)).read_bytes()).hexdigest()
+    except (OSError, TypeError):
+        return _PROCESS
 
 
 def _declares_name(path: Path) -> bool:

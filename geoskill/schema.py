@@ -6,6 +6,7 @@ come from Python and from the command line, and makes the reference in the docum
 
 import math
 import types
+from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -13,6 +14,17 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from geoskill.errors import InputError
 
 WORDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
+
+class Config(ABC):  # noqa: B024  # what subclasses share is the check of their fields
+    """A dataclass whose fields are checked when it is made.
+
+    Raises:
+        InputError: for a value of a wrong type or out of range.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 def setting(

@@ -307,7 +307,7 @@ def test_every_training_and_test_set_of_a_study_composes(name: str, tmp_path: Pa
     cfg = compose("reproduce", [f"artifact={name}"])
     if "data" in cfg.artifact:
         cfg.artifact.data = str(tmp_path)
-    study = Study.from_config(cfg.artifact)
+    study = Study.from_plain(as_plain(OmegaConf.to_container(cfg.artifact, resolve=True)))
     assert study.name == name
     for job in study.jobs(tmp_path, quick=True):
         compose("train", list(job.training.overrides))
@@ -320,7 +320,9 @@ def test_every_training_and_test_set_of_a_study_composes(name: str, tmp_path: Pa
 @pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("ablation_")])
 def test_ablations_are_the_same_as_an_experiment_and_as_a_study(name: str) -> None:
     swept = dict(compose("train", [f"experiment={name}"], return_hydra_config=True).hydra.sweeper.params)
-    study = Study.from_config(compose("reproduce", [f"artifact={name}"]).artifact)
+    study = Study.from_plain(
+        as_plain(OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True))
+    )
     assert swept.pop("seed").split(",") == [str(seed) for seed in study.seeds]
     [(key, values)] = swept.items()
     assert list(study.variants.values()) == [[f"{key}={value}"] for value in values.split(",")]

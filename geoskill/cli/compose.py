@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -75,14 +75,18 @@ def register_schemas(command: str, schema: type[Config]) -> None:
 
 def _register_plug_in(store: ConfigStore, registry: Registry, name: str) -> None:
     try:
-        schema = _schema_of(registry, name)
+        schema: Any = _schema_of(registry, name)
     except InputError:
-        schema = dataclasses.make_dataclass("Unusable", [])
-    if registry is SCORERS:
-        own = [("name", str, dataclasses.field(default=name))]
-        node: Any = dataclasses.make_dataclass(schema.__name__, own, bases=(schema,))
+        schema = OmegaConf.create({}, flags={"struct": False})  # whatever it is given, its use tells what is wrong
+    if registry is TASKS:
+        node: Any = SimulatedTaskConfig(name)
+    elif registry is not SCORERS:
+        node = {name: schema}
+    elif isinstance(schema, DictConfig):
+        node = OmegaConf.create({"name": name}, flags={"struct": False})
     else:
-        node = SimulatedTaskConfig(name) if registry is TASKS else {name: schema}
+        own = [("name", str, dataclasses.field(default=name))]
+        node = dataclasses.make_dataclass(schema.__name__, own, bases=(schema,))
     store.store(group=registry.kind, name=name, node=node)
 
 
@@ -120,12 +124,11 @@ def _plain_arguments(arguments: ast.arguments) -> Iterator[tuple[str, Any, Any]]
 
 def _schema_of(registry: Registry, name: str) -> type:
     """Return a dataclass of the arguments that the class of a name takes, with their types and defaults."""
-    hints = get_type_hints(registry.get(name).__init__)  # type: ignore[misc]  # the constructor of a class, not of an object
     entries: list[Any] = []
     for key, parameter in registry.parameters(name).items():
         required = parameter.default is inspect.Parameter.empty
         default: Any = dataclasses.field(default="???" if required else parameter.default)
-        entries.append((key, hints.get(key, Any), default))
+        entries.append((key, parameter.annotation, default))
     return dataclasses.make_dataclass(f"{registry.get(name).__name__}Config", entries)
 
 

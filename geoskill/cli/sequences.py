@@ -14,7 +14,7 @@ from geoskill.evaluation.labels import Labels
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.sources import read_all
-from geoskill.plugins import TASKS
+from geoskill.plugins import TASKS, code_identity
 from geoskill.skill.checkpoint import SimulatedScene
 
 if TYPE_CHECKING:
@@ -149,14 +149,16 @@ def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | 
     from geoskill.simulation.recording import Recording, pack, unpack
     from geoskill.simulation.scene import RecordingSettings, record
 
-    settings = RecordingSettings(TASKS.build(scene.task, {})(), scene.scenario, scene.seed, episode)
+    task = TASKS.build(scene.task, {})()
+    settings = RecordingSettings(task, scene.scenario, scene.seed, episode)
 
     def render() -> Recording:
         return record(settings)
 
     if store is None:
         return render()
-    described = f"{_renderer_identity()} {scene.task} {sorted(asdict(scene.scenario).items())} {scene.seed} {episode}"
+    code = _renderer_identity() + code_identity(type(task))
+    described = f"{code} {scene.task} {sorted(asdict(scene.scenario).items())} {scene.seed} {episode}"
     return store.get_or_compute(hashlib.sha256(described.encode()).hexdigest(), render, pack, unpack)
 
 

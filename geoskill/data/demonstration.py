@@ -28,6 +28,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.motion import Displacement
 from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
+from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
 # Limit of features per type in a frame for statistics that are fitted to all transitions, which do not need more.
 MAX_FIT_FEATURES = 100
@@ -76,6 +77,8 @@ class Demonstration(Transitions):
         progress: shows progress over a sequence.
         name: the demonstration's name in messages.
         threads: number of frames that are worked on at once; the result does not depend on it.
+        trajectory: anchors and thresholds of the trajectories; None for the defaults.
+        negatives: pictures that the synthetic features come from; None for the defaults.
 
     Raises:
         InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member.
@@ -93,6 +96,8 @@ class Demonstration(Transitions):
         progress: Progress,
         name: str = "the demonstration",
         threads: int = 1,
+        trajectory: TrajectoryConfig | None = None,
+        negatives: NegativesConfig | None = None,
     ) -> None:
         self.frame_count = len(frames)
         self._spans = time_spans(len(frames), gap, max_span_ratio)
@@ -116,12 +121,12 @@ class Demonstration(Transitions):
         self._num_negatives = num_negatives
         negative_pipelines = pipelines if num_negatives > 0 else {}
         self._negatives = {
-            extractor: synthesize_negatives(frames, pipeline, progress, threads)
+            extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
             for extractor, pipeline in negative_pipelines.items()
         }
         shorter_side = min(frames[0].shape[:2])
         self._trajectories = {
-            extractor: trajectories(features, flows, gap, shorter_side)
+            extractor: trajectories(features, flows, gap, shorter_side, trajectory)
             for extractor, features in self._features.items()
         }
 

@@ -18,11 +18,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.tracking.motion import Displacement, Trajectory
-
-# Frames of the demonstration, spread over it, that give negatives.
-SOURCE_FRAMES = 16
-# Pictures of dead leaves per source frame.
-LEAVES_PER_FRAME = 3
+from geoskill.tuning import NegativesConfig
 
 Picture = UInt8[np.ndarray, "height width 3"]
 TRANSFORMS: tuple[Callable[[Picture], Picture], ...] = (
@@ -33,7 +29,11 @@ TRANSFORMS: tuple[Callable[[Picture], Picture], ...] = (
 
 
 def synthesize_negatives(
-    frames: Sequence[Picture], pipeline: FeaturePipeline, progress: Progress, threads: int = 1
+    frames: Sequence[Picture],
+    pipeline: FeaturePipeline,
+    progress: Progress,
+    threads: int = 1,
+    config: NegativesConfig | None = None,
 ) -> FeatureSet:
     """Extract the negatives of one extractor, the same whenever the frames are the same.
 
@@ -42,15 +42,18 @@ def synthesize_negatives(
         pipeline: the extractor.
         progress: shows progress over the source frames.
         threads: number of source frames that are worked on at once.
+        config: numbers of pictures; None for the defaults.
     """
+    config = NegativesConfig() if config is None else config
+    leaves_per_frame = config.leaves_per_frame
     random = np.random.default_rng(0)
     height, width = frames[0].shape[:2]
-    chosen = np.unique(np.linspace(0, len(frames) - 1, SOURCE_FRAMES).round().astype(int)).tolist()
+    chosen = np.unique(np.linspace(0, len(frames) - 1, config.source_frames).round().astype(int)).tolist()
 
     def pictures() -> Iterator[list[Picture]]:  # consumed in order, so that threads do not change the random draws
         for t in chosen:
             transformed = [np.ascontiguousarray(transform(frames[t])) for transform in TRANSFORMS]
-            yield transformed + [dead_leaves(height, width, random) for _ in range(LEAVES_PER_FRAME)]
+            yield transformed + [dead_leaves(height, width, random) for _ in range(leaves_per_frame)]
 
     def extract(pictures: list[Picture]) -> list[FeatureSet]:
         return [pipeline.extract(picture) for picture in pictures]

@@ -12,6 +12,7 @@ from geoskill.features.color import COLOR_DIM, colors_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.transforms import rescale_points
+from geoskill.plugins import code_identity
 
 
 @final
@@ -74,7 +75,8 @@ class FeaturePipeline:
         """Return at most ``max_features`` features of an RGB frame, highest score first, in pixels of the frame."""
         if self.cache is None:
             return self._extract(frame)
-        return self.cache.get_or_compute(frame, self.identity, lambda: self._extract(frame))
+        identity = self.identity + code_identity(type(self.extractor))
+        return self.cache.get_or_compute(frame, identity, lambda: self._extract(frame))
 
     def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)

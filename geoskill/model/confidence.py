@@ -10,8 +10,9 @@ x does not change when all scores are shifted or scaled, so it does not depend o
 that is hidden, or replaced by another object, is less similar to the demonstration, and its score has a smaller margin.
 
 The two constants are a logistic regression (Platt 1999) of whether the best association of a frame is right; a frame in
-which the right association is not visible counts as wrong (docs/experiments/confidence.md). They are calibrated for
-skills that have learned the right task: a skill that misunderstood its demonstration is just as confident.
+which the right association is not visible counts as wrong (docs/experiments/confidence.md, whose script
+docs/experiments/fit_confidence.py fits them). They are calibrated for skills that have learned the right task: a skill
+that misunderstood its demonstration is just as confident.
 """
 
 import torch

@@ -29,7 +29,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import InstanceScorer, Motif
-from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, Registry
+from geoskill.plugins import EXTRACTORS, KERNELS, NAME, PACKAGE, SCORERS, Registry
 from geoskill.schema import as_plain, settings_of
 
 FORMAT = 3
@@ -75,13 +75,16 @@ class Part:
             InputError: when it is something else.
         """
         entries = mapping_of(value, where, ("name", "package", "arguments"))
+        for key, pattern in (("name", NAME), ("package", PACKAGE)):
+            if not pattern.fullmatch(text_of(entries[key], f"{where}.{key}")):
+                raise InputError(
+                    f"the skill's {where}.{key} is {entries[key]!r}; expected the name of a class or package"
+                )
         arguments = mapping_of(entries["arguments"], f"{where}.arguments")
         for key, argument in arguments.items():
             if not isinstance(argument, bool | int | float | str | None):
                 raise InputError(f"the skill's {where}.arguments.{key} is {argument!r}; expected a plain value")
-        return cls(
-            text_of(entries["name"], f"{where}.name"), text_of(entries["package"], f"{where}.package"), arguments
-        )
+        return cls(entries["name"], entries["package"], arguments)
 
 
 @final

@@ -5,14 +5,14 @@ jumps at every switch. :class:`TemporalFilter` keeps the selected association an
 scored higher for some time (a one-sided cumulative sum)::
 
     margin_t = (b_best - b_selected) / (standard deviation of the frame's scores)
-    excess_t = max(0, excess_{t-1} + margin_t - TOLERATED_MARGIN)
+    excess_t = max(0, excess_{t-1} + margin_t - tolerated_margin)
 
 The selected association is dropped when
 
-- its excess is larger than ``PATIENCE``,
+- its excess is larger than the ``patience``,
 - optical flow loses one of its nodes,
 - not all of its nodes are detected and one of them looks different from before, since something occludes it, or
-- not all of its nodes have been detected for more than ``MAX_MISSED_FRAMES`` frames.
+- not all of its nodes have been detected for more than ``max_missed_frames`` frames.
 
 Associations whose nodes have recently moved together are penalized (:mod:`geoskill.tracking.co_motion`). Apart from
 that, tracking serves only to recognize the few selected features in the next frame: the scores come from the
@@ -39,18 +39,7 @@ from geoskill.skill.skill import Skill
 from geoskill.tracking.appearance import matches, patches_at
 from geoskill.tracking.co_motion import CoMotionDetector
 from geoskill.tracking.flow import track_sparse
-
-# Margin of another association, in standard deviations of the frame's scores, that does not count against the selected
-# one; and the largest sum over frames of the margin beyond it. A wrong selection stays as long as the patience, too
-# (docs/experiments/switches.md).
-TOLERATED_MARGIN = 0.3
-PATIENCE = 2.0
-# Consecutive frames, a tenth of a second of video, in which a tracked feature may go undetected. With more of them,
-# wrong associations stay: they are rarely detected again (docs/experiments/switches.md).
-MAX_MISSED_FRAMES = 3
-# Penalty of associations whose nodes move together, in standard deviations of the frame's scores. Scores of look-alikes
-# differ by less than that, while a best score without look-alikes stays the best (docs/experiments/co-motion.md).
-CO_MOTION_PENALTY = 2.0
+from geoskill.tuning import TemporalFilterConfig
 
 
 @final
@@ -77,13 +66,15 @@ class TemporalFilter:
 
     Args:
         skill: gives the score of every instance.
+        config: margins, penalty and patience; None for the defaults.
     """
 
-    def __init__(self, skill: Skill) -> None:
+    def __init__(self, skill: Skill, config: TemporalFilterConfig | None = None) -> None:
         self.skill = skill
+        self._config = TemporalFilterConfig() if config is None else config
         self._selected: dict[str, _Selected] = {}
         self._previous_gray: UInt8[np.ndarray, "height width"] | None = None
-        self._co_motion = CoMotionDetector()
+        self._co_motion = CoMotionDetector(self._config.co_motion)
 
     def infer(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
@@ -109,7 +100,7 @@ class TemporalFilter:
         self._co_motion.advance(gray)
         for name, scored in scored_frame.members.items():
             score_std = scored.score_std
-            scored = scored.penalized(self._co_moving(scored), CO_MOTION_PENALTY * score_std)
+            scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
             selected = self._keep(self._selected.pop(name, None), scored, score_std, gray)
             best = scored.associations(scored.best(self.skill.top_k))
             if selected is None and best:
@@ -155,15 +146,17 @@ class TemporalFilter:
                 not matches(before, now)
                 for before, now in zip(selected.appearance, _appearance(nodes, gray), strict=True)
             )
-            if occluded or selected.missed == MAX_MISSED_FRAMES:
+            if occluded or selected.missed == self._config.max_missed_frames:
                 return None
             association = replace(selected.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
             return replace(selected, association=association, missed=selected.missed + 1)
         difference = float(scored.scores.max() - scored.scores[instance])
         margin = difference / score_std if score_std > 0 else 0.0
-        excess = max(0.0, selected.excess + margin - TOLERATED_MARGIN)
+        excess = max(0.0, selected.excess + margin - self._config.tolerated_margin)
         association = scored.associations([instance])[0]
-        return _Selected(association, _appearance(association.nodes, gray), excess) if excess <= PATIENCE else None
+        if excess > self._config.patience:
+            return None
+        return _Selected(association, _appearance(association.nodes, gray), excess)
 
 
 def _appearance(nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:

@@ -18,23 +18,10 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.kernels.kernel import Kernel
 from geoskill.tracking.flow import Flow, gray_flow, track_dense
+from geoskill.tuning import CoMotionConfig
 
-# The first three were chosen by measurement on simulated sorting and folding (docs/experiments/co-motion.md).
-# Past frames compared: less than half a second of video, in which a hand or an arm at work visibly moves.
-WINDOW_FRAMES = 12
-# Smallest displacement of a moving feature, as a ratio of the shorter side: ten pixels of VGA, several times the error
-# of flow over the window.
-MIN_DISPLACEMENT_RATIO = 0.02
-# Largest difference of two displacements in co-motion, as a ratio of the longer one: 9 degrees, or a seventh in depth.
-MAX_DIFFERENCE_RATIO = 0.15
-# Frames are compared at this shorter side in pixels, half of VGA, for speed. Smaller frames are enlarged, because flow
-# is smooth over some pixels and would drag along what rests beside a moving object.
-WORKING_SIDE = 240
-# Columns and rows of grid points, of which at least the ratio below has to fit one motion, the background's. An object
-# that fills most of the picture is therefore taken for the background, and near objects do not rest when the camera
-# moves past them (docs/experiments/co-motion.md).
+# Columns and rows of the grid points to which the background's motion is fitted.
 GRID = (20, 15)
-MIN_BACKGROUND_RATIO = 0.5
 
 
 @final
@@ -53,25 +40,31 @@ class _Step:
 
 @final
 class CoMotionDetector:
-    """Recent motion in a video: the flows from each frame of a window to the one before it."""
+    """Recent motion in a video: the flows from each frame of a window to the one before it.
 
-    def __init__(self) -> None:
+    Args:
+        config: window and thresholds; None for the defaults.
+    """
+
+    def __init__(self, config: CoMotionConfig | None = None) -> None:
+        self._config = CoMotionConfig() if config is None else config
         self._shape = (0, 0)
         self._small: UInt8[np.ndarray, "_ _"] | None = None
-        self._steps: deque[_Step] = deque(maxlen=WINDOW_FRAMES)
+        self._steps: deque[_Step] = deque(maxlen=self._config.window_frames)
 
     def advance(self, gray: UInt8[np.ndarray, "height width"]) -> None:
         """Add the next frame; a frame of another size restarts the window."""
         height, width = gray.shape
+        side = self._config.working_side
         # A long, thin picture is not enlarged beyond the size of other pictures.
-        scale = min(WORKING_SIDE / min(height, width), max(1.0, 2 * WORKING_SIDE / max(height, width)))
+        scale = min(side / min(height, width), max(1.0, 2 * side / max(height, width)))
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
         small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
         if (height, width) != self._shape:
             self._steps.clear()
         elif self._small is not None:
             flow = replace(gray_flow(small, self._small, cv2.DISOPTICAL_FLOW_PRESET_FAST), scale=scale)
-            self._steps.append(_Step(flow, _background_motion(flow, gray.shape)))
+            self._steps.append(_Step(flow, _background_motion(flow, gray.shape, self._config.min_background_ratio)))
         self._shape, self._small = (height, width), small
 
     def co_moving(
@@ -98,10 +91,10 @@ class CoMotionDetector:
         tracked_frames = {
             node_type: (~np.isnan(by_age[:, :, 0])).sum(axis=0) - 1 for node_type, by_age in displacements.items()
         }
-        min_px = MIN_DISPLACEMENT_RATIO * min(self._shape)
+        min_px = self._config.min_displacement_ratio * min(self._shape)
         # Most features rest, and need not be compared with all others: of two co-moving nodes, the shorter displacement
         # is nearly as long as the longer one.
-        shorter_px = (1 - MAX_DIFFERENCE_RATIO) * min_px
+        shorter_px = (1 - self._config.max_difference_ratio) * min_px
         moving = {
             node_type: (np.linalg.norm(by_age, axis=2) > shorter_px).any(axis=0)
             for node_type, by_age in displacements.items()
@@ -113,7 +106,7 @@ class CoMotionDetector:
         longest = np.linalg.norm(by_node, axis=2).max(axis=0)
         difference = np.linalg.norm(by_node[:, None] - by_node[None], axis=3).max(axis=(0, 1))
         co_moving = np.zeros(instances.shape[1], bool)
-        co_moving[compared] = (longest > min_px) & (difference <= MAX_DIFFERENCE_RATIO * longest)
+        co_moving[compared] = (longest > min_px) & (difference <= self._config.max_difference_ratio * longest)
         return co_moving
 
     def _displacements(self, node_type: NodeType, geometry: Float32[np.ndarray, "n _"]) -> Float32[np.ndarray, "w n 2"]:
@@ -137,8 +130,8 @@ class CoMotionDetector:
         return np.stack(displacements)
 
 
-def _background_motion(flow: Flow, shape: tuple[int, int]) -> Float[np.ndarray, "3 3"] | None:
-    """Return the background of a :class:`_Step`: the rotation, scale and shift of most of the picture."""
+def _background_motion(flow: Flow, shape: tuple[int, int], min_ratio: float) -> Float[np.ndarray, "3 3"] | None:
+    """Return the background of a :class:`_Step`: rotation, scale and shift of at least this ratio of the picture."""
     height, width = shape
     columns, rows = np.meshgrid((np.arange(GRID[0]) + 0.5) / GRID[0], (np.arange(GRID[1]) + 0.5) / GRID[1])
     present = np.stack([columns.ravel() * width, rows.ravel() * height], axis=1).astype(np.float32) - np.float32(0.5)
@@ -148,6 +141,6 @@ def _background_motion(flow: Flow, shape: tuple[int, int]) -> Float[np.ndarray, 
     motion, resting = cv2.estimateAffinePartial2D(
         before[tracked], present[tracked], method=cv2.RANSAC, ransacReprojThreshold=1.0 / flow.scale
     )
-    if motion is None or resting.mean() < MIN_BACKGROUND_RATIO:
+    if motion is None or resting.mean() < min_ratio:
         return None
     return np.concatenate([motion, [[0.0, 0.0, 1.0]]])

@@ -1,4 +1,4 @@
-"""Long-range trajectories: each feature's position at 16 past anchor frames and at the last frame.
+"""Long-range trajectories: each feature's position at past anchor frames and at the last frame.
 
 ::
 
@@ -27,21 +27,15 @@ from geoskill.geometry.segments import distance_to_segment
 from geoskill.tracking.flow import Flow, track_dense
 from geoskill.tracking.motion import Trajectory
 from geoskill.tracking.tracks import tracks_to_end
-
-# Number of past frames at which positions are kept, evenly spaced over the demonstration.
-ANCHORS = 16
-# Largest distance of a detection from the end of the flow, as a ratio of the shorter side: some pixels of error.
-POSITION_TOLERANCE_RATIO = 0.01
-# Largest difference of similar descriptors, as a ratio of the median distance between different features.
-SIMILARITY_RATIO = 0.5
-# Hops for which a feature may go undetected; after a longer gap it is rarely found again.
-LONGEST_GAP_HOPS = 32
-# A lost feature that moved no farther than this since its frame is taken to be covered and at rest.
-REST_PX = 2.0
+from geoskill.tuning import TrajectoryConfig
 
 
 def trajectories(
-    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, shorter_side: int
+    features: Sequence[FeatureSet],
+    flows: Sequence[Flow],
+    hop: int,
+    shorter_side: int,
+    config: TrajectoryConfig | None = None,
 ) -> list[Trajectory]:
     """Compute the trajectories of every frame's features.
 
@@ -50,9 +44,11 @@ def trajectories(
         flows: from each frame ``t`` to ``t + hop``.
         hop: number of frames from the first to the second frame of a flow.
         shorter_side: of the frames, in pixels.
+        config: anchors and thresholds; None for the defaults.
     """
-    pasts = _pasts(features, flows, hop, POSITION_TOLERANCE_RATIO * shorter_side)
-    finals = _final_positions(features, flows, hop)
+    config = TrajectoryConfig() if config is None else config
+    pasts = _pasts(features, flows, hop, shorter_side, config)
+    finals = _final_positions(features, flows, hop, config.rest_px)
     return [
         Trajectory(*map(torch.from_numpy, (past.anchor_xy, past.first_known_anchor, *final_position)))
         for past, final_position in zip(pasts, finals, strict=True)
@@ -68,9 +64,12 @@ class _Past:
     first_known_anchor: Int64[np.ndarray, " n"]
 
 
-def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tolerance_px: float) -> list[_Past]:
-    anchors = np.linspace(0, len(features) - 1, ANCHORS).round().astype(np.int64)
-    max_difference = _max_descriptor_difference(features)
+def _pasts(
+    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, shorter_side: int, config: TrajectoryConfig
+) -> list[_Past]:
+    anchors = np.linspace(0, len(features) - 1, config.anchors).round().astype(np.int64)
+    tolerance_px = config.position_tolerance_ratio * shorter_side
+    max_difference = _max_descriptor_difference(features, config.similarity_ratio)
     pasts: list[_Past] = []
     for t, own in enumerate(features):
         # In whole hops back from t, each anchor is read at the last frame not before it.
@@ -79,7 +78,7 @@ def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tole
         known = np.repeat((hops_to == 0)[None], len(own), axis=0)
         geometry, unlinked = own.geometry.copy(), np.ones(len(own), bool)
         flow_path = [own.geometry]
-        for hops in range(1, min(t // hop, LONGEST_GAP_HOPS) + 1):
+        for hops in range(1, min(t // hop, config.max_gap_hops) + 1):
             rows = np.flatnonzero(unlinked)
             if len(rows) == 0:
                 break
@@ -102,12 +101,12 @@ def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tole
     return pasts
 
 
-def _max_descriptor_difference(features: Sequence[FeatureSet]) -> float:
+def _max_descriptor_difference(features: Sequence[FeatureSet], similarity_ratio: float) -> float:
     """Return the largest difference of similar descriptors, from the differences of neighbors within each frame."""
     differences = np.concatenate(
         [np.linalg.norm(detected.descriptors[1:] - detected.descriptors[:-1], axis=1) for detected in features]
     )
-    return SIMILARITY_RATIO * float(np.median(differences)) if len(differences) else 0.0
+    return similarity_ratio * float(np.median(differences)) if len(differences) else 0.0
 
 
 def _similar_and_near(
@@ -143,7 +142,7 @@ def _distances(
 
 
 def _final_positions(
-    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int
+    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, rest_px: float
 ) -> list[tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]:
     """Return each frame's features at the end, and whether their position there is known."""
     finals: list[tuple[np.ndarray, np.ndarray]] = []
@@ -151,6 +150,6 @@ def _final_positions(
         own = features[track.start].geometry
         offsets = (track.geometry - own).reshape(len(own), own.shape[1] // 2, 2)
         distance = np.linalg.norm(offsets, axis=2).max(axis=1, initial=0.0)
-        at_rest = ~track.tracked & (distance <= REST_PX)
+        at_rest = ~track.tracked & (distance <= rest_px)
         finals.append((np.where(track.tracked[:, None], track.geometry, own), track.tracked | at_rest))
     return finals

@@ -76,6 +76,8 @@ def prepare(
                 progress=_silent if progress is None else progress,
                 name=opened.name,
                 threads=torch.get_num_threads() if config.threads is None else config.threads,
+                trajectory=config.demonstration.trajectory,
+                negatives=config.demonstration.negatives,
             )
         )
         names.append(opened.name)

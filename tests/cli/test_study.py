@@ -5,7 +5,6 @@ from typing import Any
 
 import pytest
 import yaml
-from omegaconf import OmegaConf
 
 from geoskill.cli.study import Job, Step, Study
 from geoskill.errors import InputError
@@ -20,7 +19,7 @@ def study(**settings: Any) -> Study:
         "test_sets": {"human": ["scenario=human"]},
         "every": 4,
     }
-    return Study.from_config(OmegaConf.create({**node, **settings}))
+    return Study.from_plain({**node, **settings})
 
 
 def begin(step: Step, *further: str) -> None:
@@ -70,15 +69,15 @@ def test_a_video_is_not_named_to_the_evaluation(tmp_path: Path) -> None:
         ({"data": "here", "train": ["task.path=here/no"]}, "artifact.data=here: has no folder no; expected one"),
     ],
 )
-def test_from_config_refuses(settings: dict[str, Any], message: str) -> None:
+def test_from_plain_refuses(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as error:
         study(**settings)
     assert str(error.value).startswith(message)
 
 
-def test_from_config_needs_a_name() -> None:
+def test_from_plain_needs_a_name() -> None:
     with pytest.raises(InputError, match=r"artifact\.name is not set"):
-        Study.from_config(OmegaConf.create({"seeds": [0], "variants": {"default": []}}))
+        Study.from_plain({"seeds": [0], "variants": {"default": []}})
 
 
 def test_a_step_is_complete_with_its_metrics(tmp_path: Path) -> None:

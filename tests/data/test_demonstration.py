@@ -14,6 +14,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.io.prefetch import Progress
 from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.tracking.flow import track_between
+from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -144,6 +145,29 @@ def test_demonstration_reports_progress(demonstration_frames: tuple[np.ndarray, 
 
     demonstration_of(demonstration_frames[:4], spec, progress=progress)
     assert reports == [("extracting features", 4), ("following motion", 2)]
+
+
+def test_demonstration_passes_settings_on(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
+    reports, parts = {}, build_skill(spec)
+
+    def progress(items: Any, text: str) -> Any:
+        reports[text] = list(items)
+        return items
+
+    demonstration = Demonstration(
+        demonstration_frames[:5],
+        parts.pipelines,
+        parts.members,
+        gap=2,
+        max_span_ratio=0.0,
+        num_negatives=1,
+        progress=progress,
+        trajectory=TrajectoryConfig(anchors=3),
+        negatives=NegativesConfig(source_frames=2, leaves_per_frame=0),
+    )
+    for graphs in demonstration[0].values():
+        assert graphs["first"].point_anchor_xy.shape[1] == 3
+    assert reports["finding negatives"] == [0, 4]
 
 
 @pytest.mark.slow

@@ -10,12 +10,13 @@ import torch
 
 from geoskill.data.dead_leaves import dead_leaves
 from geoskill.data.demonstration import Demonstration
-from geoskill.data.negatives import LEAVES_PER_FRAME, TRANSFORMS, append_negatives, synthesize_negatives
+from geoskill.data.negatives import TRANSFORMS, append_negatives, synthesize_negatives
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tuning import NegativesConfig
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
@@ -37,10 +38,31 @@ def test_negatives_come_from_transformed_frames_and_dead_leaves(demonstration_fr
     known = {row.tobytes() for row in negatives.descriptors}
     assert {row.tobytes() for row in mirrored.descriptors} | {row.tobytes() for row in negative.descriptors} <= known
     of_transformed_frames = len(frames) * len(TRANSFORMS) * 20
-    assert len(negatives) > of_transformed_frames + len(frames) * LEAVES_PER_FRAME * 10, (
+    assert len(negatives) > of_transformed_frames + len(frames) * NegativesConfig().leaves_per_frame * 10, (
         "and of leaves, at most 20 from each picture"
     )
     assert np.array_equal(synthesize_negatives(frames, pipeline, progress).descriptors, negatives.descriptors)
+
+
+@pytest.mark.parametrize(("source_frames", "leaves_per_frame"), [(1, 0), (2, 1), (3, 0)])
+def test_negatives_come_from_as_many_pictures_as_configured(
+    demonstration_frames: tuple[np.ndarray, ...], source_frames: int, leaves_per_frame: int
+) -> None:
+    pipeline, reports = FeaturePipeline(Sift(), max_features=20, min_side=0), []
+    default = synthesize_negatives(demonstration_frames[:5], pipeline, lambda items, text: items)
+
+    def progress(items: Any, text: str) -> Any:
+        reports.append(list(items))
+        return items
+
+    config = NegativesConfig(source_frames, leaves_per_frame)
+    negatives = synthesize_negatives(demonstration_frames[:5], pipeline, progress, config=config)
+    assert reports == [{1: [0], 2: [0, 4], 3: [0, 2, 4]}[source_frames]]
+    pictures = source_frames * (len(TRANSFORMS) + leaves_per_frame)
+    assert 10 * pictures < len(negatives) <= 20 * pictures
+    known = {row.tobytes() for row in default.descriptors}
+    transformed = negatives.descriptors[: len(TRANSFORMS) * 20]
+    assert {row.tobytes() for row in transformed} <= known
 
 
 @pytest.mark.parametrize("seed", [0, 1])

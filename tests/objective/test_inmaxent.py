@@ -13,6 +13,7 @@ from geoskill.errors import InputError
 from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
+from geoskill.schema import as_written
 
 
 def without_goal(**values: Any) -> ObjectiveConfig:
@@ -241,8 +242,7 @@ def test_objective_settings_defaults() -> None:
 def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
         ObjectiveConfig(**{key: value})
-    shown = {None: "null", True: "true"}.get(value, value) if not isinstance(value, float | list) else value
-    assert str(error.value) == f"{key}={shown}: expected {expected}"
+    assert str(error.value) == f"{key}={as_written(value)}: expected {expected}"
 
 
 @pytest.mark.usefixtures("annotations_unchecked")

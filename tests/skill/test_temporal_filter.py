@@ -1,6 +1,7 @@
 """Tests of the temporal filter on the frames of the fixture."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from geoskill.skill import temporal_filter
 from geoskill.skill.association import Association, InferenceResult
 from geoskill.skill.skill import Skill
 from geoskill.skill.temporal_filter import TemporalFilter
+from geoskill.tuning import CoMotionConfig, TemporalFilterConfig
 
 POINTS = "p2p_sift"
 
@@ -67,16 +69,13 @@ def test_temporal_filter_drops_much_worse_association_at_once(
     assert of_points(skill.infer(frame))[0].nodes != of_points(first)[0].nodes
 
 
-def test_temporal_filter_switches_after_patience(
-    skill: Skill, demonstration_frames: Sequence[np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frame, selector = demonstration_frames[6], TemporalFilter(skill)
+def test_temporal_filter_switches_after_patience(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    frame = demonstration_frames[6]
+    scores = skill.observe(frame).members[POINTS].scores
+    excess = float((scores.max() - scores.min()) / scores.std(correction=0)) - 0.5  # once they are negated
+    selector = TemporalFilter(skill, TemporalFilterConfig(tolerated_margin=0.5, patience=2.5 * excess))
     first = of_points(selector.infer(frame))[0]
     negate_scores(skill)
-    scores = skill.observe(frame).members[POINTS].scores
-    monkeypatch.setattr(temporal_filter, "TOLERATED_MARGIN", 0.5)
-    excess = float((scores.max() - scores.min()) / scores.std(correction=0)) - 0.5
-    monkeypatch.setattr(temporal_filter, "PATIENCE", 2.5 * excess)
     for _ in range(2):
         listed = of_points(selector.infer(frame))
         assert set(listed[0].nodes) == set(first.nodes)
@@ -94,22 +93,23 @@ def test_temporal_filter_keeps_sign_of_error(skill: Skill, demonstration_frames:
 
 def keep_weak_features(skill: Skill, selector: TemporalFilter, frame: np.ndarray) -> Association:
     """Select an association that joins neither of the two strongest points, and return it."""
-    skill.alternatives = 1000
+    skill.spec = replace(skill.spec, top_k=1000)
     listed = of_points(selector.infer(frame))
-    skill.alternatives = 4
+    skill.spec = replace(skill.spec, top_k=4)
     weak = next(a for a in listed if all(node.feature is not None and node.feature >= 2 for node in a.nodes))
     gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
     selector._selected[POINTS] = temporal_filter._Selected(weak, temporal_filter._appearance(weak.nodes, gray))
     return weak
 
 
+@pytest.mark.parametrize("config", [None, TemporalFilterConfig(max_missed_frames=1)], ids=["default", "1"])
 def test_temporal_filter_tracks_undetected_nodes_for_max_missed_frames(
-    skill: Skill, demonstration_frames: Sequence[np.ndarray]
+    skill: Skill, demonstration_frames: Sequence[np.ndarray], config: TemporalFilterConfig | None
 ) -> None:
-    frame, selector = demonstration_frames[6], TemporalFilter(skill)
+    frame, selector = demonstration_frames[6], TemporalFilter(skill, config)
     weak = keep_weak_features(skill, selector, frame)
     skill.pipelines["sift"].max_features = 2
-    for _ in range(temporal_filter.MAX_MISSED_FRAMES):
+    for _ in range((config or TemporalFilterConfig()).max_missed_frames):
         (kept,) = of_points(selector.infer(frame))
         assert (kept.rank, kept.confidence) == (1, weak.confidence)
         assert [node.feature for node in kept.nodes] == [None, None]
@@ -161,9 +161,25 @@ def test_temporal_filter_drops_lost_association(
     assert again.associations == skill.infer(demonstration_frames[6]).associations
 
 
-def test_temporal_filter_penalizes_co_moving_nodes(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
-    skill.alternatives, last = 10000, 16
-    selector = TemporalFilter(skill)
+def test_temporal_filter_passes_co_motion_settings_on(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
+    """Where no displacement is large enough, nothing is in co-motion, and the penalty changes nothing."""
+    config = TemporalFilterConfig(co_motion=CoMotionConfig(min_displacement_ratio=10.0), co_motion_penalty=100.0)
+    default, without = TemporalFilter(skill), TemporalFilter(skill, config)
+    unpenalized = TemporalFilter(skill, TemporalFilterConfig(co_motion_penalty=0.0))
+    for small in demonstration_frames[:17]:
+        frame = np.asarray(cv2.resize(small, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), np.uint8)
+        expected = unpenalized.infer(frame).associations
+        assert without.infer(frame).associations == expected
+        last = default.infer(frame).associations
+    assert [association.weight for association in last] != [association.weight for association in expected]
+
+
+@pytest.mark.parametrize("config", [None, TemporalFilterConfig(co_motion_penalty=1.0)], ids=["default", "1"])
+def test_temporal_filter_penalizes_co_moving_nodes(
+    skill: Skill, demonstration_frames: Sequence[np.ndarray], config: TemporalFilterConfig | None
+) -> None:
+    skill.spec, last = replace(skill.spec, top_k=10000), 16
+    selector = TemporalFilter(skill, config)
     for small in demonstration_frames[: last + 1]:
         frame = np.asarray(cv2.resize(small, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), np.uint8)
         result = selector.infer(frame)
@@ -190,7 +206,8 @@ def test_temporal_filter_penalizes_co_moving_nodes(skill: Skill, demonstration_f
     assert len(co_moving) > 5
     np.testing.assert_allclose(separate, separate[0], atol=1e-5)
     # Not every point of a tile of a few plain squares can be tracked.
-    penalty = temporal_filter.CO_MOTION_PENALTY * float(skill.observe(frame).members[POINTS].scores.std(correction=0))
+    score_std = float(skill.observe(frame).members[POINTS].scores.std(correction=0))
+    penalty = (config or TemporalFilterConfig()).co_motion_penalty * score_std
     penalized = np.isclose(np.array(co_moving) - separate[0], -penalty, rtol=1e-3)
     assert penalized.sum() > len(co_moving) / 2
 

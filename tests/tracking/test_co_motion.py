@@ -11,7 +11,8 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
-from geoskill.tracking.co_motion import MIN_DISPLACEMENT_RATIO, WINDOW_FRAMES, CoMotionDetector
+from geoskill.tracking.co_motion import CoMotionDetector
+from geoskill.tuning import CoMotionConfig
 
 HEIGHT, WIDTH, SIDE = 240, 320, 60
 SPEED_PX = 2.0
@@ -40,8 +41,8 @@ def frame_with(*objects: tuple[np.ndarray, tuple[float, float]]) -> np.ndarray:
     return picture
 
 
-def watch(frames: int, *objects: tuple[np.ndarray, Path]) -> CoMotionDetector:
-    detector = CoMotionDetector()
+def watch(frames: int, *objects: tuple[np.ndarray, Path], config: CoMotionConfig | None = None) -> CoMotionDetector:
+    detector = CoMotionDetector(config)
     for frame in range(frames):
         detector.advance(frame_with(*((picture, path(frame)) for picture, path in objects)))
     return detector
@@ -73,18 +74,20 @@ def test_co_moving_excludes_objects_that_move_differently() -> None:
 @pytest.mark.parametrize("frames", [1, 2])
 def test_co_moving_is_empty_in_the_first_frames(frames: int) -> None:
     # Two pixels are less than the smallest displacement of 4.8.
-    assert SPEED_PX < MIN_DISPLACEMENT_RATIO * HEIGHT
+    assert CoMotionConfig().min_displacement_ratio * HEIGHT > SPEED_PX
     points = np.array(to_the_right(frames - 1)) + ON_OBJECT
     assert co_moving_pairs(watch(frames, (OBJECT, to_the_right)), points, [(0, 1)]) == [False]
 
 
 def test_co_moving_forgets_resting_features_after_the_window() -> None:
+    window = CoMotionConfig().window_frames
+
     def for_a_while(frame: int) -> tuple[float, float]:
         return to_the_right(min(frame, 12))
 
     points = np.array(to_the_right(12)) + ON_OBJECT
-    assert co_moving_pairs(watch(13 + WINDOW_FRAMES - 6, (OBJECT, for_a_while)), points, [(0, 1)]) == [True]
-    assert co_moving_pairs(watch(13 + WINDOW_FRAMES, (OBJECT, for_a_while)), points, [(0, 1)]) == [False]
+    assert co_moving_pairs(watch(13 + window - 6, (OBJECT, for_a_while)), points, [(0, 1)]) == [True]
+    assert co_moving_pairs(watch(13 + window, (OBJECT, for_a_while)), points, [(0, 1)]) == [False]
 
 
 @pytest.mark.parametrize(("angle_deg", "shift_px", "scale"), [(0, 2.0, 1.0), (0.8, 0.0, 1.0), (0.4, 1.0, 1.005)])
@@ -163,6 +166,43 @@ def test_co_moving_in_uniform_and_tiny_pictures() -> None:
     for height, width in ((HEIGHT, WIDTH), (9, 7), (8, 3000)):
         detector = CoMotionDetector()
         for _ in range(3):
+            detector.advance(np.full((height, width), 90, np.uint8))
+        assert co_moving_pairs(detector, np.array([[1.0, 1], [3, 4]]), [(0, 1)]) == [False]
+
+
+@pytest.mark.parametrize(
+    ("config", "co_moving"),
+    [
+        (CoMotionConfig(), True),
+        (CoMotionConfig(window_frames=2), False),  # in which it moves by 4 pixels, less than 4.8
+        (CoMotionConfig(window_frames=2, min_displacement_ratio=0.01), True),
+        (CoMotionConfig(min_displacement_ratio=0.2), False),
+        (CoMotionConfig(min_background_ratio=1.0), False),
+        (CoMotionConfig(working_side=480), True),
+    ],
+)
+def test_co_moving_depends_on_config(config: CoMotionConfig, co_moving: bool) -> None:
+    points = np.array(to_the_right(14)) + ON_OBJECT
+    detector = watch(15, (OBJECT, to_the_right), config=config)
+    assert co_moving_pairs(detector, points, [(0, 1)]) == [co_moving]
+
+
+@pytest.mark.parametrize(("max_difference_ratio", "co_moving"), [(0.3, False), (0.6, True)])
+def test_co_moving_compares_displacements_up_to_max_difference(max_difference_ratio: float, co_moving: bool) -> None:
+    def at_half_the_speed(frame: int) -> tuple[float, float]:
+        return 60 + SPEED_PX / 2 * frame, 20
+
+    points = np.stack([np.array(to_the_right(14)) + ON_OBJECT[0], np.array(at_half_the_speed(14)) + ON_OBJECT[0]])
+    config = CoMotionConfig(max_difference_ratio=max_difference_ratio)
+    detector = watch(15, (OBJECT, to_the_right), (OTHER, at_half_the_speed), config=config)
+    assert co_moving_pairs(detector, points, [(0, 1)]) == [co_moving]
+
+
+@pytest.mark.parametrize("side", [16, 480])
+def test_co_moving_at_the_limits_of_the_working_side(side: int) -> None:
+    for height, width in ((HEIGHT, WIDTH), (9, 7), (8, 3000)):
+        detector = CoMotionDetector(CoMotionConfig(working_side=side))
+        for _ in range(2):
             detector.advance(np.full((height, width), 90, np.uint8))
         assert co_moving_pairs(detector, np.array([[1.0, 1], [3, 4]]), [(0, 1)]) == [False]
 

@@ -8,9 +8,11 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Trajectory
 from geoskill.tracking.tracks import neighbor_flows
-from geoskill.tracking.trajectories import ANCHORS, trajectories
+from geoskill.tracking.trajectories import trajectories
+from geoskill.tuning import TrajectoryConfig
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
+ANCHORS = TrajectoryConfig().anchors
 FRAMES, STEP = 31, np.array([2.0, 0.0], np.float32)
 HEIGHT, WIDTH = 120, 220
 # Positions in frame 0 on the patch, which moves by STEP per frame until frame REST, and on the resting background.
@@ -55,9 +57,11 @@ def detections(t: int, patch: bool = True) -> FeatureSet:
     return feature_set(geometry, np.eye(6, dtype=np.float32)[: len(geometry)])
 
 
-def trajectories_of(features: list[FeatureSet], frames: list[np.ndarray], hop: int = 2) -> list[Trajectory]:
+def trajectories_of(
+    features: list[FeatureSet], frames: list[np.ndarray], hop: int = 2, config: TrajectoryConfig | None = None
+) -> list[Trajectory]:
     flows = neighbor_flows(frames, hop, lambda items, text: items)
-    return trajectories(features, flows, hop, HEIGHT)
+    return trajectories(features, flows, hop, HEIGHT, config)
 
 
 def anchor_frames() -> np.ndarray:
@@ -104,6 +108,39 @@ def test_anchors_are_unknown_where_descriptors_differ(frames: list[np.ndarray]) 
     assert result[FRAMES - 1].first_known_anchor.tolist() == [0, 0, 0, first, first, first]
 
 
+@pytest.mark.parametrize("anchors", [1, 4])
+def test_trajectories_have_as_many_anchors_as_configured(frames: list[np.ndarray], anchors: int) -> None:
+    features = [detections(t) for t in range(FRAMES)]
+    few = trajectories_of(features, frames, config=TrajectoryConfig(anchors=anchors))[FRAMES - 1]
+    usual = trajectories_of(features, frames)[FRAMES - 1]
+    assert few.anchor_xy.shape == (6, anchors, 2)
+    every = (ANCHORS - 1) // max(anchors - 1, 1)
+    np.testing.assert_array_equal(few.anchor_xy, usual.anchor_xy[:, ::every][:, :anchors])
+
+
+@pytest.mark.parametrize(("max_gap_hops", "is_known"), [(4, False), (5, True)])
+def test_anchors_are_unknown_across_a_gap_longer_than_configured(
+    frames: list[np.ndarray], max_gap_hops: int, is_known: bool
+) -> None:
+    """The patch is undetected in frames 8 to 15; frame 16 is five hops after frame 6."""
+    features = [detections(t, patch=not 8 <= t < 16) for t in range(FRAMES)]
+    result = trajectories_of(features, frames, config=TrajectoryConfig(max_gap_hops=max_gap_hops))[16]
+    assert (result.first_known_anchor[3:] == 0).tolist() == [is_known] * 3
+
+
+@pytest.mark.parametrize(("position_tolerance_ratio", "is_known"), [(0.01, False), (0.04, True)])
+def test_anchors_are_known_within_the_configured_tolerance(
+    frames: list[np.ndarray], position_tolerance_ratio: float, is_known: bool
+) -> None:
+    """Until frame 14 a resting feature is detected 3 pixels lower; the tolerances are of 1.2 and 4.8 pixels."""
+    features = [detections(t) for t in range(FRAMES)]
+    for t in range(15):
+        features[t].geometry[1, 1] += 3
+    config = TrajectoryConfig(position_tolerance_ratio=position_tolerance_ratio)
+    first = int(trajectories_of(features, frames, config=config)[FRAMES - 1].first_known_anchor[1])
+    assert (first == 0) is is_known
+
+
 def test_final_positions_are_where_the_motion_ends(frames: list[np.ndarray]) -> None:
     result = trajectories_of([detections(t) for t in range(FRAMES)], frames)
     for t in (0, 7, 20, FRAMES - 1):
@@ -111,6 +148,18 @@ def test_final_positions_are_where_the_motion_ends(frames: list[np.ndarray]) -> 
         np.testing.assert_allclose(result[t].final_xy[3:], ON_PATCH + moved(FRAMES - 1), atol=2.5)  # over 15 hops
         assert result[t].final_known[0], "nothing passes over it"
         np.testing.assert_allclose(result[t].final_xy[0], ON_GROUND[0], atol=0.5)
+
+
+@pytest.mark.parametrize(("rest_px", "known"), [(2.0, [True] * 3 + [False] * 3), (500.0, [True] * 6)])
+def test_final_positions_of_covered_features_are_known_if_they_moved_less_than_rest_px(
+    frames: list[np.ndarray], rest_px: float, known: list[bool]
+) -> None:
+    covered = [frame.copy() for frame in frames]
+    for frame in covered[20:]:
+        frame[:, :130] = 90
+    config = TrajectoryConfig(rest_px=rest_px)
+    result = trajectories_of([detections(t) for t in range(FRAMES)], covered, config=config)[4]
+    assert result.final_known.tolist() == known
 
 
 def test_final_positions_of_covered_features_are_known_if_they_rested(frames: list[np.ndarray]) -> None:
@@ -151,9 +200,12 @@ def test_trajectories_of_frames_without_features(frames: list[np.ndarray], hop: 
     assert all(trajectory.anchor_xy.shape == (0, ANCHORS, 4) for trajectory in empty)
 
 
-@pytest.mark.parametrize(("difference", "is_known"), [(0.6, True), (0.8, False)])
-def test_similar_descriptors_differ_by_less_than_half_the_median_difference(
-    frames: list[np.ndarray], difference: float, is_known: bool
+@pytest.mark.parametrize(
+    ("similarity_ratio", "difference", "is_known"),
+    [(0.5, 0.6, True), (0.5, 0.8, False), (0.4, 0.6, False), (0.6, 0.8, True)],
+)
+def test_similar_descriptors_differ_by_less_than_a_ratio_of_the_median_difference(
+    frames: list[np.ndarray], similarity_ratio: float, difference: float, is_known: bool
 ) -> None:
     """Different features are 1.41 apart; from frame 14 on, one of them differs from its past by ``difference``."""
     features = []
@@ -164,4 +216,5 @@ def test_similar_descriptors_differ_by_less_than_half_the_median_difference(
             descriptors[3] = [0, 0, 0, cosine, np.sqrt(1 - cosine**2), 0]
         features.append(feature_set(np.concatenate([ON_GROUND, ON_PATCH[:1] + moved(t)]), descriptors))
     first = 0 if is_known else int(np.searchsorted(anchor_frames(), 14))
-    assert trajectories_of(features, frames)[FRAMES - 1].first_known_anchor.tolist() == [0, 0, 0, first]
+    result = trajectories_of(features, frames, config=TrajectoryConfig(similarity_ratio=similarity_ratio))[FRAMES - 1]
+    assert result.first_known_anchor.tolist() == [0, 0, 0, first]

@@ -1,0 +1,1 @@
+"""Plug-ins of geoskill, one of each kind."""
