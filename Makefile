@@ -6,11 +6,12 @@ WORKERS ?= 2
 
 EGL_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 READY := $(VENV)/installed
+DOCS_READY := $(VENV)/installed-docs
 RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 
-.PHONY: help train infer evaluate reproduce test test-fast lint clean
+.PHONY: help train infer evaluate reproduce test test-fast lint docs clean
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
@@ -38,8 +39,16 @@ lint: $(READY) ## style, types, and the direction of imports
 	$(RUN) -m mypy
 	$(VENV)/bin/lint-imports --no-logo
 
+docs: $(DOCS_READY) ## the documentation, into build/docs; a warning is an error
+	$(RUN) -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
+	@echo build/docs/index.html
+
 clean: ## remove the virtual environment and caches; runs under outputs/ stay
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist docs/_generated .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+
+$(DOCS_READY): $(READY)
+	@$(PIP) --editable ".[docs]"
+	@touch $@
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \

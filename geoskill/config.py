@@ -10,18 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, final
 
-from geoskill.schema import check_fields, setting
-
-
-class Config(ABC):  # noqa: B024  # what subclasses share is the check of their fields
-    """A dataclass whose fields are checked when it is made.
-
-    Raises:
-        InputError: for a value of a wrong type or out of range.
-    """
-
-    def __post_init__(self) -> None:
-        check_fields(self)
+from geoskill.schema import Config as Config
+from geoskill.schema import setting
+from geoskill.tuning import NegativesConfig, TemporalFilterConfig, TrajectoryConfig
 
 
 @final
@@ -63,6 +54,8 @@ class DemonstrationConfig(Config):
     num_negatives: int = setting(
         40, "Synthetic negative features added to each frame in training; their associations earn nothing.", at_least=0
     )
+    negatives: NegativesConfig = field(default_factory=NegativesConfig)
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
 
 
 @final
@@ -180,6 +173,7 @@ class SelectionConfig(Config):
     min_drawn_weight: float = _min_drawn_weight()
     temporal: str = _temporal()
     abstain: float = _abstain()
+    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
 
 
 @final
@@ -191,6 +185,7 @@ class InferenceConfig(Config):
     min_drawn_weight: float = _min_drawn_weight()
     temporal: str = _temporal()
     abstain: float = _abstain()
+    filter: TemporalFilterConfig = field(default_factory=TemporalFilterConfig)
 
 
 @final

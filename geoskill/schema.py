@@ -6,6 +6,7 @@ come from Python and from the command line, and makes the reference in the docum
 
 import math
 import types
+from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -13,6 +14,17 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from geoskill.errors import InputError
 
 WORDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
+
+class Config(ABC):  # noqa: B024  # what subclasses share is the check of their fields
+    """A dataclass whose fields are checked when it is made.
+
+    Raises:
+        InputError: for a value of a wrong type or out of range.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 def setting(
@@ -67,11 +79,24 @@ def check_value(name: str, value: Any, settings_field: "Field[Any]", hint: Any) 
         InputError: when it has a wrong type or is out of range.
     """
     kinds = _kinds(hint)
-    if not kinds or (value is None and type(None) in kinds):
+    if _is_schema(hint):
+        if isinstance(value, hint):
+            return
+    elif not kinds or (value is None and type(None) in kinds):
         return
     if not (_has_kind(value, kinds) and _in_range(value, settings_field.metadata)):
-        shown = "null" if value is None else value
-        raise InputError(f"{name}={shown}: expected {expectation(settings_field, hint)}")
+        raise InputError(f"{name}={as_written(value)}: expected {expectation(settings_field, hint)}")
+
+
+def as_written(value: Any) -> str:
+    """Return a value as it is written on the command line.
+
+    >>> [as_written(value) for value in (None, True, 1, 0.5, "sift")]
+    ['null', 'true', '1', '0.5', 'sift']
+    """
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def expectation(settings_field: "Field[Any]", hint: Any) -> str:
@@ -85,14 +110,16 @@ def expectation(settings_field: "Field[Any]", hint: Any) -> str:
     ['a number of at least 0 and below 1, or null']
     """
     kinds, limits = _kinds(hint), settings_field.metadata
+    if _is_schema(hint):
+        return str(hint.__name__)
     if "choices" in limits:
         words = [str(choice) for choice in limits["choices"]]
         text = " or ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
     else:
         text = " or ".join(WORDS[kind] for kind in (bool, int, float, str) if kind in kinds) or "a value"
-        names = {"above": "above", "at_least": "of at least", "below": "below", "at_most": "of at most"}
-        bounds = [f"{word} {limits[name]:g}" for name, word in names.items() if name in limits]
-        text = " ".join([text, " and ".join(bounds)]).rstrip()
+        names = {"above": "above", "at_least": "at least", "below": "below", "at_most": "at most"}
+        bounds = " and ".join(f"{word} {limits[name]:g}" for name, word in names.items() if name in limits)
+        text = f"{text} {'of ' if bounds.startswith('at') else ''}{bounds}".rstrip()
     return f"{text}, or null" if type(None) in kinds else text
 
 
@@ -108,7 +135,7 @@ def flatten(schema: type, prefix: str = "") -> Iterator[tuple[str, "Field[Any]",
     """Yield dotted key, field and type of every setting of a configuration class and of those nested in it."""
     for name, settings_field, hint in settings_of(schema):
         key = f"{prefix}{name}"
-        if is_dataclass(hint) and isinstance(hint, type):
+        if _is_schema(hint):
             yield from flatten(hint, f"{key}.")
         else:
             yield key, settings_field, hint
@@ -129,11 +156,13 @@ def markdown_table(schema: type, prefix: str = "") -> str:
     for key, settings_field, hint in flatten(schema, prefix):
         default = default_of(settings_field)
         simple = default is None or isinstance(default, bool | int | float | str)
-        shown = {None: "null", True: "true", False: "false"}.get(default, default) if simple else "see the group"
-        lines.append(
-            f"| `{key}` | `{shown}` | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |"
-        )
+        shown = f"`{as_written(default)}`" if simple else "see the group"
+        lines.append(f"| `{key}` | {shown} | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |")
     return "\n".join(lines) + "\n"
+
+
+def _is_schema(hint: Any) -> bool:
+    return isinstance(hint, type) and is_dataclass(hint)
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:

@@ -8,18 +8,17 @@ import cv2
 import jaxtyping
 import numpy as np
 import pytest
-import yaml
 
 import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
+from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
-from geoskill.skill.spec import describe
+from geoskill.skill.spec import SkillSpec, plan_skill
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
 
 pytest_plugins = ["tests.training_runs"]
 
-CONFIGURATION = Path(__file__).resolve().parents[1] / "conf"
 # The demonstrations are no part of this repository; they lie in a folder beside it.
 BLOCKS = Path(__file__).resolve().parents[2] / "shared" / "data" / "blocks"
 
@@ -74,25 +73,15 @@ def annotations_unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def small_model() -> dict[str, Any]:
-    """The default network as configured, but of 8 hidden units and 2 steps."""
-    settings = yaml.safe_load((CONFIGURATION / "model" / "default.yaml").read_text(encoding="utf-8"))
-    assert {"hidden_dim", "layers"} <= settings.keys()
-    return {**settings, "hidden_dim": 8, "layers": 2}
+    """Return the default network, but of 8 hidden units and 2 steps, as ``model=`` of a configuration."""
+    return {"name": "message_passing", "hidden_dim": 8, "layers": 2}
 
 
 @pytest.fixture(scope="session")
-def description(small_model: dict[str, Any]) -> dict[str, Any]:
-    """A skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a kind and 4 alternatives each."""
-    return describe(
-        {
-            "p2p": {"_target_": "geoskill.kernels.p2p.PointToPoint"},
-            "p2l": {"_target_": "geoskill.kernels.p2l.PointToLine"},
-        },
-        {"sift": {"_target_": "geoskill.features.sift.Sift"}, "lbd": {"_target_": "geoskill.features.lbd.Lbd"}},
-        small_model,
-        {"max_features": 10, "min_side": 0},
-        alternatives=4,
-    )
+def spec(small_model: dict[str, Any]) -> SkillSpec:
+    """Return a skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a type and a top_k of 4."""
+    features = FeaturesConfig(max_features=10, min_side=0, color=0.0)
+    return plan_skill(["p2p", "p2l"], ["sift", "lbd"], small_model, features, top_k=4)
 
 
 @pytest.fixture(scope="session")
@@ -116,13 +105,13 @@ def opengl() -> None:
 def hand_made_recording() -> "Recording":
     """Two frames seen from 1 m above the table, where a pixel is 1.25 cm wide on the table and 1 cm on top of the box.
 
-    Row 15, column 20 is above the world's origin; x is to the right, y is up in the picture. Column 40 shows nothing.
+    Row 15, column 20 is above the world's origin; x is to the right and y is up in the image. Column 40 shows no body.
 
     - tile (the target), at x = 0.125 on the table: columns 27 to 33, rows 12 to 18.
-    - box (the object), 0.2 m high, its frame on its top: at first at x = -0.08, columns 10 to 14, rows 13 to 17; at
-      the goal at x = 0.1 and a quarter turn counterclockwise: columns 28 to 32 of the same rows.
-    - finger (of the actor), 0.25 m high: columns 11 to 13, rows 9 to 12, just above the box; at the goal in the
-      picture's bottom right corner, columns 38 to 40, rows 28 to 30.
+    - box (the object), 0.2 m high, with its frame on its top: first at x = -0.08, columns 10 to 14, rows 13 to 17; at
+      the goal at x = 0.1, after a quarter turn counterclockwise, columns 28 to 32 of the same rows.
+    - finger (of the agent), 0.25 m high: first columns 11 to 13, rows 9 to 12, just above the box in the image; at the
+      goal in the bottom right corner of the image, columns 38 to 40, rows 28 to 30.
     """
     from geoskill.geometry.camera import PinholeCamera
     from geoskill.geometry.poses import pose, rotation_about
@@ -132,21 +121,21 @@ def hand_made_recording() -> "Recording":
 
     bodies = ["world", "table", "box", "tile", "finger"]
     above = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
-    shown, depths = [], []
+    segmentations, depths = [], []
     for box, finger in (
         (np.s_[13:18, 10:15], np.s_[9:13, 11:14]),
         (np.s_[13:18, 28:33], np.s_[28:31, 38:41]),
     ):
-        number, depth = np.full((31, 41), 1, np.uint8), np.full((31, 41), 10000, np.uint16)
-        number[:, 40], depth[:, 40] = 0, 65535
-        for name, where, at in (
+        segmentation, depth = np.full((31, 41), 1, np.uint8), np.full((31, 41), 10000, np.uint16)
+        segmentation[:, 40], depth[:, 40] = 0, 65535
+        for name, area, distance in (
             ("tile", np.s_[12:19, 27:34], 10000),
             ("box", box, 8000),
             ("finger", finger, 7500),
         ):
-            number[where], depth[where] = bodies.index(name) + 2, at
-        number[number == 1] = bodies.index("table") + 2
-        shown.append(encode_png(number))
+            segmentation[area], depth[area] = bodies.index(name) + 2, distance
+        segmentation[segmentation == 1] = bodies.index("table") + 2
+        segmentations.append(encode_png(segmentation))
         depths.append(encode_png(depth))
     still = [pose((0.0, 0.0, 0.0)), pose((0.0, 0.0, 0.0)), pose((0.125, 0.0, 0.0))]
     turned = pose((0.1, 0.0, 0.2), rotation_about(np.array([0.0, 0.0, np.pi / 2])))
@@ -157,7 +146,7 @@ def hand_made_recording() -> "Recording":
     picture = cv2.imencode(".jpg", np.full((31, 41, 3), 90, np.uint8))[1].tobytes()
     return Recording(
         pictures=[picture] * 2,
-        segmentations=shown,
+        segmentations=segmentations,
         depths=depths,
         bodies=bodies,
         poses=np.array(poses),
@@ -173,11 +162,11 @@ def hand_made_recording() -> "Recording":
 
 @pytest.fixture(scope="session")
 def folded_cloth(hand_made_recording: "Recording") -> "Recording":
-    """The same camera over nothing but a square cloth of 10 cm, its near left corner at the origin, at first flat.
+    """Two frames of the same camera above a square cloth of 10 cm, first flat, with its near left corner at the origin.
 
-    It is made of two triangles, below and above the diagonal from the near left to the far right corner. At the goal
-    the far left corner lies 4 cm above the near right one, and the upper triangle bears the mirror image of the lower.
-    The object is what is farther than 5 cm from the near edge, the target the rest.
+    It consists of two triangles, on both sides of the diagonal from the near left to the far right corner. At the goal
+    the far left corner is 4 cm above the near right one, so that the far triangle covers the near one.
+    The object is the part that is farther than 5 cm from the near edge, the target the rest.
     """
     from dataclasses import replace
 
@@ -188,15 +177,15 @@ def folded_cloth(hand_made_recording: "Recording") -> "Recording":
     rest = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
     folded = rest.copy()
     folded[3] = [0.1, 0.0, 0.04]
-    number = np.zeros((31, 41), np.uint8)
-    number[7:16, 20:29] = 1
+    segmentation = np.zeros((31, 41), np.uint8)
+    segmentation[7:16, 20:29] = 1
     flat = np.full((31, 41), 10000, np.uint16)
-    over = flat.copy()
-    over[13, 26] = 9804  # 0.98039 is where the ray meets the upper layer
+    folded_depth = flat.copy()
+    folded_depth[13, 26] = 9804  # the ray meets the upper layer at 0.98039
     return replace(
         hand_made_recording,
-        shown=[encode_png(number)] * 2,
-        depths=[encode_png(flat), encode_png(over)],
+        segmentations=[encode_png(segmentation)] * 2,
+        depths=[encode_png(flat), encode_png(folded_depth)],
         bodies=["world", "cloth"],
         poses=np.tile(np.eye(4), (2, 2, 1, 1)),
         roles=(

@@ -1,34 +1,54 @@
-"""Every YAML file under ``conf/`` is a test case."""
+"""Every YAML file under ``conf/``, and every choice that the registries add, is a test case."""
 
+import dataclasses
+import inspect
 from collections.abc import Iterator
 from dataclasses import fields
-from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 import torch
 import yaml
 from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException
-from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
-from geoskill.cli.command import configuration_folder
+from geoskill.benchmarks.config import BenchmarkConfig, PipelineConfig
+from geoskill.cli import schemas
+from geoskill.cli.compose import compose_training, configuration_folder, register_schemas, typed
+from geoskill.cli.schemas import EvaluateCommandConfig, SimulatedTaskConfig, VideoTaskConfig
+from geoskill.cli.study import Study
+from geoskill.config import OptimizerConfig, ScenarioConfig
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.scorer import InstanceScorer, Motif
-from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.simulation.conditions import Conditions
+from geoskill.plugins import EXTRACTORS, KERNELS, REGISTRIES, SCORERS, TASKS
+from geoskill.schema import as_plain
 from geoskill.simulation.tasks.task import Task
+from geoskill.training.trainer import build_optimizer
+
+SCHEMAS = {**schemas.COMMANDS, "pipeline": PipelineConfig, "benchmark": BenchmarkConfig}
+for _command, _schema in SCHEMAS.items():
+    register_schemas(_command, _schema)
 
 CONF = Path(configuration_folder())
-COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml") if path.stem != "cache")
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
-OPTIONS = [(group, path.stem) for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
+COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
+REGISTERED = {group: names for group, names in ConfigStore.instance().repo.items() if isinstance(names, dict)}
+GROUPS = sorted(
+    {path.name for path in CONF.iterdir() if path.is_dir()} | REGISTERED.keys() - {"hydra", "_dummy_empty_config_.yaml"}
+)
+OPTIONS = [
+    (group, name)
+    for group in GROUPS
+    for name in sorted(
+        {path.stem for path in (CONF / group).glob("*.yaml")} | {Path(own).stem for own in REGISTERED.get(group, ())}
+    )
+]
 EXPERIMENTS = [name for group, name in OPTIONS if group == "experiment"]
 ARTIFACTS = [name for group, name in OPTIONS if group == "artifact"]
 SIMULATED = [name for group, name in OPTIONS if group == "task" and name != "video"]
@@ -69,16 +89,29 @@ def parts(node: DictConfig) -> Iterator[tuple[str, Any]]:
                 yield f"{key}.{name}".rstrip("."), part
 
 
-def test_there_is_something_to_test() -> None:
+def arguments_of(name: str, cfg: Any) -> dict[str, Any]:
+    """The arguments that are configured for one name of a group."""
+    arguments: dict[str, Any] = as_plain(OmegaConf.to_object(cfg[name]))
+    return arguments
+
+
+def test_groups_and_commands() -> None:
     assert {"train", "infer", "evaluate"} <= set(COMMANDS)
-    expected = {"kernel", "descriptor", "model", "objective", "task", "scenario", "trainer", "logger", "experiment"}
+    assert set(SCHEMAS) <= set(COMMANDS)
+    expected = {"kernel", "descriptor", "model", "task", "scenario", "trainer", "logger", "experiment"}
     assert expected | {"artifact"} <= set(GROUPS)
     assert {"sorting", "insertion", "folding", "screw"} <= set(SIMULATED)
+    assert options("model") == ["bilinear", "default", "message_passing", "paper", "prototypes"]
+    assert {"sift", "orb", "lbd", "patch"} <= set(options("descriptor"))
+    assert {"p2p", "l2l", "p2l", "par", "p2p_l2l"} <= set(options("kernel"))
 
 
 @pytest.mark.parametrize("path", sorted(CONF.rglob("*.yaml")), ids=lambda path: str(path.relative_to(CONF)))
-def test_every_file_says_something(path: Path) -> None:
-    assert yaml.safe_load(path.read_text()) is not None
+def test_files_are_not_empty_and_name_no_class_of_this_package(path: Path) -> None:
+    text = path.read_text()
+    assert yaml.safe_load(text) is not None
+    for line in text.splitlines():  # only Hydra's own callbacks are classes
+        assert "_target_" not in line or line.strip() == "_target_: geoskill.cli.sweep.SweepSummary"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -93,76 +126,103 @@ def test_commands_compose_and_refuse_unknown_keys_everywhere(command: str) -> No
             compose(command, [f"{key}=1"])
 
 
+@pytest.mark.parametrize("command", sorted(SCHEMAS))
+def test_commands_without_overrides_have_the_defaults_of_their_schema(command: str) -> None:
+    config, untouched = typed(compose(command), SCHEMAS[command]), SCHEMAS[command]()
+    chosen = [own.name for own in fields(untouched) if own.name in defaults(command)]
+    for own in fields(untouched):
+        if own.name not in chosen or own.name == "scenario":
+            assert getattr(config, own.name) == getattr(untouched, own.name), own.name
+
+
 @pytest.mark.parametrize(("group", "name"), OPTIONS)
-def test_options_compose(group: str, name: str) -> None:
+def test_options_compose_into_valid_dataclasses(group: str, name: str) -> None:
     for command in commands_of(group):
         cfg = compose(command, [f"{group}={name}"])
         OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
         assert all(OmegaConf.is_struct(node) for _, node in parts(cfg))  # unknown keys are refused
+        if command in SCHEMAS:
+            assert isinstance(typed(cfg, SCHEMAS[command]), SCHEMAS[command])
 
 
 @pytest.mark.parametrize("name", options("kernel"))
 def test_kernels(name: str) -> None:
-    kernels = {key: instantiate(node) for key, node in compose("train", [f"kernel={name}"]).kernel.items()}
+    configured = compose_training(f"kernel={name}").kernel
+    kernels = {key: KERNELS.build(key, as_plain(arguments))() for key, arguments in configured.items()}
     assert all(isinstance(kernel, Kernel) for kernel in kernels.values())
     assert [kernel.name for kernel in kernels.values()] == list(kernels)
     assert list(kernels) == name.split("_")  # an ensemble is named after its members
 
 
 @pytest.mark.parametrize("name", options("descriptor"))
-def test_descriptors(name: str) -> None:
-    extractors = {key: instantiate(node) for key, node in compose("train", [f"descriptor={name}"]).descriptor.items()}
-    assert list(extractors) == [name]
-    assert isinstance(extractors[name], FeatureExtractor)
-    assert type(extractors[name]).__name__.lower() == name.replace("_", "")
+def test_descriptors_have_the_arguments_of_their_constructor(name: str) -> None:
+    cfg = compose("train", [f"descriptor={name}"]).descriptor
+    assert list(cfg) == [name]
+    schema = OmegaConf.get_type(cfg[name])
+    assert schema is not None
+    parameters = EXTRACTORS.parameters(name)
+    assert arguments_of(name, cfg) == {key: parameter.default for key, parameter in parameters.items()}
+    constructor = inspect.unwrap(EXTRACTORS.get(name).__init__)  # type: ignore[misc]
+    hints = {key: hint for key, hint in get_type_hints(constructor).items() if key != "return"}
+    assert {own.name: own.type for own in dataclasses.fields(schema)} == hints
+    extractor = EXTRACTORS.build(name, arguments_of(name, cfg))()
+    assert isinstance(extractor, FeatureExtractor)
+    assert extractor.name == name
+    for key, argument in arguments_of(name, cfg).items():
+        assert getattr(extractor, key) == argument
 
 
-def test_the_usual_descriptors_serve_every_kernel() -> None:
-    described = {instantiate(node).node_type for node in compose("train").descriptor.values()}
+def test_default_descriptors_serve_every_kernel() -> None:
+    described = {EXTRACTORS.build(name, {})().node_type for name in compose("train").descriptor}
     for name in options("kernel"):
-        for node in compose("train", [f"kernel={name}"]).kernel.values():
-            assert set(node_types(instantiate(node))) <= described
+        for key in compose_training(f"kernel={name}").kernel:
+            assert set(node_types(KERNELS.build(key, {})())) <= described
 
 
 @pytest.mark.parametrize("name", options("model"))
 def test_models(name: str) -> None:
-    build = instantiate(compose("train", [f"model={name}"]).model)
-    assert isinstance(build, partial)
+    arguments = as_plain(compose_training(f"model={name}").model)
+    build = SCORERS.build(arguments.pop("name"), arguments)
     for kernel in options("kernel"):
-        for node in compose("train", [f"kernel={kernel}"]).kernel.values():
-            motif = Motif.of(instantiate(node), dict.fromkeys(NodeType, 4))
+        for key in compose_training(f"kernel={kernel}").kernel:
+            motif = Motif.of(KERNELS.build(key, {})(), dict.fromkeys(NodeType, 4))
             with torch.device("meta"):  # the paper's network is large
                 assert isinstance(build(motif), InstanceScorer)
 
 
-def test_objectives_and_optimizer() -> None:
-    for name in options("objective"):
-        # The YAML shows what the code does without it.
-        assert instantiate(compose("train", [f"objective={name}"]).objective) == ObjectiveSettings()
-    optimizer = instantiate(compose("train").optimizer)([torch.nn.Parameter(torch.zeros(1))])
-    assert optimizer.param_groups[0]["lr"] == 3e-3
+@pytest.mark.parametrize(("name", "optimizer"), [("adam", "Adam"), ("adamw", "AdamW"), ("sgd", "SGD")])
+def test_optimizers(name: str, optimizer: str) -> None:
+    config = compose_training(f"optimizer.name={name}", "optimizer.weight_decay=0.5").optimizer
+    assert config == OptimizerConfig(name, 3e-3, 0.5)
+    built = build_optimizer(config)([torch.nn.Parameter(torch.zeros(1))])
+    assert type(built).__name__ == optimizer
+    assert (built.param_groups[0]["lr"], built.param_groups[0]["weight_decay"]) == (3e-3, 0.5)
 
 
 @pytest.mark.parametrize("name", options("trainer"))
 def test_trainers(name: str) -> None:
     from lightning import Trainer
 
-    node = compose("train", [f"trainer={name}"]).trainer
-    if node.accelerator == "gpu" and not torch.cuda.is_available():
+    config = compose_training(f"trainer={name}").trainer
+    assert (config.accelerator, config.devices) == {"cpu": ("cpu", 1), "ddp": ("cpu", 2), "gpu": ("gpu", 1)}[name]
+    if config.accelerator == "gpu" and not torch.cuda.is_available():
         pytest.skip("no GPU")
-    trainer = instantiate(node, logger=False, enable_checkpointing=False)
-    assert isinstance(trainer, Trainer)
-    assert (trainer.max_epochs, trainer.world_size) == (node.max_epochs, node.devices)
+    trainer = Trainer(**as_plain(config), logger=False, enable_checkpointing=False)
+    assert (trainer.max_epochs, trainer.world_size) == (config.max_epochs, config.devices)
 
 
 @pytest.mark.parametrize("name", options("logger"))
 def test_loggers(name: str, tmp_path: Path) -> None:
     from lightning.pytorch.loggers import Logger
 
-    for key, node in compose("train", [f"logger={name}"]).logger.items():
-        logger = instantiate(node, save_dir=str(tmp_path))
+    from geoskill.cli.command import Run
+    from geoskill.cli.train import _loggers
+
+    loggers = _loggers(compose_training(f"logger={name}"), Run(tmp_path, {}, (), False))
+    assert len(loggers) == (name != "none")
+    for logger in loggers:
         assert isinstance(logger, Logger)
-        assert type(logger).__name__.lower().startswith(str(key))
+        assert type(logger).__name__.lower().startswith(name)
         assert logger.save_dir == str(tmp_path)
     assert list(tmp_path.iterdir()) == []  # nothing is written, and nobody asked, before training
 
@@ -188,11 +248,11 @@ def test_every_combination_of_an_experiment_composes(name: str) -> None:
         for setting in combination:
             key, value = setting.split("=")
             assert str(OmegaConf.select(job, key)) == value
-        objective = instantiate(job.objective)
-        assert isinstance(objective, ObjectiveSettings)
-        motif = Motif.of(instantiate(job.kernel.p2p), {NodeType.POINT: 4})
+        config = typed(job, schemas.TrainCommandConfig, combination)
+        motif = Motif.of(KERNELS.build("p2p", config.kernel["p2p"])(), {NodeType.POINT: 4})
+        arguments = as_plain(config.model)
         with torch.device("meta"):
-            assert isinstance(instantiate(job.model)(motif), InstanceScorer)
+            assert isinstance(SCORERS.build(arguments.pop("name"), arguments)(motif), InstanceScorer)
     if name.startswith("ablation_"):
         assert "seed" in swept
         assert len(swept) == 2
@@ -201,89 +261,72 @@ def test_every_combination_of_an_experiment_composes(name: str) -> None:
         assert job.threads == 1
 
 
-def test_the_paper_taken_literally() -> None:
-    cfg = compose("train", ["experiment=paper"])
-    # Section IV-A: message passing over 5 steps with a hidden state of 512, shared weights.
-    assert cfg.model._target_ == "geoskill.model.message_passing.MessagePassing"
-    assert (cfg.model.hidden_dim, cfg.model.layers, cfg.model.shared_weights) == (512, 5, True)
-    assert cfg.model.read_out == "perceptron"
-    # Equations 1, 7 and 8, and Algorithm 1.
-    assert instantiate(cfg.objective) == ObjectiveSettings(
-        sigma0=0.55,
-        rsw_weight=0.1,
-        alternatives=10,
-        reward="frame",
-        change="absolute",
-        error_reduction="vector",
-        partition="monte_carlo",
-        value_samples=1000,
-        gradient_samples=1000,
-        goal_weight=0.0,
-    )
-    # Section IV-A, training and results.
-    assert cfg.features.max_features == 60
-    assert (cfg.inference.alternatives, cfg.inference.minimum_weight) == (10, 0.1)
-    # Of what the paper does not have, nothing: every change of state once an iteration, pictures as they are.
-    assert (cfg.trainer.limit_train_batches, cfg.trainer.gradient_clip_val) == (None, None)
-    assert cfg.early_stopping.patience is None
-    assert cfg.features.min_side == 0
-    assert (cfg.demonstration.gap, cfg.demonstration.horizon, cfg.demonstration.batch_size) == (1, 0, 1)
-    assert (cfg.demonstration.descriptor_noise, cfg.demonstration.feature_dropout) == (0, 0)
-    assert cfg.demonstration.num_negatives == 0
-
-
 @pytest.mark.parametrize("name", SIMULATED)
 def test_simulated_tasks(name: str) -> None:
-    train, evaluate = (compose(command, [f"task={name}"]).task for command in ("train", "evaluate"))
-    assert train == evaluate
-    task = instantiate(train.scene)
+    train, evaluate = (typed(compose(command, [f"task={name}"]), SCHEMAS[command]) for command in ("train", "evaluate"))
+    assert train.task == evaluate.task == SimulatedTaskConfig(name)  # type: ignore[attr-defined]
+    task = TASKS.build(name, {})()
     assert isinstance(task, Task)
     assert task.name == name
-    assert train.every >= 1
 
 
-def test_without_a_word_a_skill_is_learned_from_a_person_who_sorts_and_scored_on_a_video() -> None:
+def test_video_task() -> None:
+    assert compose_training("task=video").task == VideoTaskConfig()
+
+
+def test_defaults_are_a_person_who_sorts_to_learn_from_and_a_video_to_score_on() -> None:
     train, evaluate = compose("train", return_hydra_config=True), compose("evaluate", return_hydra_config=True)
     assert (train.hydra.runtime.choices.task, train.hydra.runtime.choices.scenario) == ("sorting", "human")
     assert (evaluate.hydra.runtime.choices.task, evaluate.hydra.runtime.choices.scenario) == (None, "robot")
 
 
-def test_what_is_timed_is_what_is_learned_by_default() -> None:
+def test_pipeline_times_what_is_learned_by_default() -> None:
     timed, train = compose("pipeline"), compose("train")
     for part in ("kernel", "descriptor", "model", "features"):
         assert timed[part] == train[part]
-    assert timed.inference.alternatives == train.inference.alternatives
+    assert timed.top_k == train.inference.top_k
 
 
 @pytest.mark.parametrize("name", options("scenario"))
 def test_scenarios(name: str) -> None:
-    conditions = instantiate(compose("evaluate", [f"scenario={name}"]).scenario)
-    assert isinstance(conditions, Conditions)
-    difficulties = {field.name for field in fields(Conditions) if field.type is bool}
+    config = typed(compose("evaluate", [f"scenario={name}"]), EvaluateCommandConfig).scenario
+    difficulties = {own.name for own in fields(ScenarioConfig) if own.type is bool}
     assert len(difficulties) == 5
     wanted = difficulties if name == "combined" else {name} & difficulties
-    assert {key for key in difficulties if getattr(conditions, key)} == wanted
-    assert conditions.actor == ("human" if name == "human" else "robot")
+    assert {key for key in difficulties if getattr(config, key)} == wanted
+    assert config.actor == ("human" if name == "human" else "robot")
     assert name in difficulties | {"human", "robot", "combined"}
     # What the YAML does not change is what the code does without it.
-    assert (conditions.severity, conditions.confidence) == (
-        Conditions("robot").severity,
-        Conditions("robot").confidence,
-    )
+    assert (config.severity, config.confidence) == (ScenarioConfig().severity, ScenarioConfig().confidence)
 
 
 @pytest.mark.parametrize("name", ARTIFACTS)
-def test_every_training_and_test_of_an_artifact_composes(name: str) -> None:
-    artifact = OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True)
-    assert isinstance(artifact, dict)
-    for row, overrides in artifact["rows"].items():
-        training = [*artifact["train"], *overrides]
-        compose("train", [*training, "trainer.max_epochs=2", "seed=0", "threads=1", "logger=none"])
-        learned = [override for override in training if override.startswith("task=") and override != "task=video"]
-        for test in artifact["tests"].values():
-            compose("evaluate", [*learned[-1:], *test, "every=10"])
-        assert set(artifact["published"].get(row, {})) <= set(artifact["tests"])
-    assert len(set(artifact["seeds"])) >= 3
+def test_every_training_and_test_set_of_a_study_composes(name: str, tmp_path: Path) -> None:
+    for folder in ("human1", "robot1"):
+        (tmp_path / folder).mkdir()
+    cfg = compose("reproduce", [f"artifact={name}"])
+    if "data" in cfg.artifact:
+        cfg.artifact.data = str(tmp_path)
+    study = Study.from_plain(as_plain(OmegaConf.to_container(cfg.artifact, resolve=True)))
+    assert study.name == name
+    for job in study.jobs(tmp_path, quick=True):
+        compose("train", list(job.training.overrides))
+        for test in job.tests.values():
+            compose("evaluate", list(test.overrides))
+    assert all(set(published) <= set(study.test_sets) for published in study.published.values())
+    assert len(set(study.seeds)) >= 3
+
+
+@pytest.mark.parametrize("name", [name for name in EXPERIMENTS if name.startswith("ablation_")])
+def test_ablations_are_the_same_as_an_experiment_and_as_a_study(name: str) -> None:
+    swept = dict(compose("train", [f"experiment={name}"], return_hydra_config=True).hydra.sweeper.params)
+    study = Study.from_plain(
+        as_plain(OmegaConf.to_container(compose("reproduce", [f"artifact={name}"]).artifact, resolve=True))
+    )
+    assert swept.pop("seed").split(",") == [str(seed) for seed in study.seeds]
+    [(key, values)] = swept.items()
+    assert list(study.variants.values()) == [[f"{key}={value}"] for value in values.split(",")]
+    assert list(study.variants) == [f"{key}={value}" for value in values.split(",")]
 
 
 @pytest.mark.parametrize("group", GROUPS)
@@ -296,25 +339,19 @@ def test_every_group_is_used_by_one_command_or_shared(group: str) -> None:
         assert set(chosen) <= set(options(group))
 
 
-def test_every_kernel_descriptor_and_task_in_the_code_has_its_file() -> None:
+@pytest.mark.parametrize("registry", REGISTRIES, ids=lambda registry: registry.kind)
+def test_every_class_in_the_code_can_be_chosen(registry: Any) -> None:
     import importlib
     import pkgutil
 
-    import geoskill.features
-    import geoskill.kernels
-    import geoskill.simulation.tasks
-
-    for package, base, group in (
-        (geoskill.kernels, Kernel, "kernel"),
-        (geoskill.features, FeatureExtractor, "descriptor"),
-        (geoskill.simulation.tasks, Task, "task"),
-    ):
-        for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-            importlib.import_module(module.name)
-        for subclass in base.__subclasses__():
-            if not subclass.__module__.startswith("geoskill."):
-                continue
-            stem = subclass.__module__.rsplit(".", 1)[1]
-            assert stem in options(group)
-            target = compose("train", [f"{group}={stem}"])[group]["scene" if group == "task" else stem]._target_
-            assert target == f"{subclass.__module__}.{subclass.__qualname__}"
+    package = importlib.import_module(registry.base.__module__.rpartition(".")[0])
+    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        importlib.import_module(module.name)
+    own = [cls for cls in registry.base.__subclasses__() if cls.__module__.startswith("geoskill.")]
+    assert {cls.name for cls in own} == set(registry.built_in)
+    for cls in own:
+        assert cls.__module__.rpartition(".")[2] == cls.name
+        assert registry.get(cls.name) is cls
+        assert cls.name in options(registry.kind)
+        chosen = compose("train", [f"{registry.kind}={cls.name}"])[registry.kind]
+        assert cls.name in (chosen.get("name"), *chosen)

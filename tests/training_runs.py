@@ -1,7 +1,7 @@
 """A small demonstration, and runs that learn from it."""
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, final
@@ -12,18 +12,19 @@ import pytest
 import torch
 from lightning import Callback, Trainer
 
-from geoskill.cli.progress import quiet_libraries
+from geoskill.config import ObjectiveConfig
 from geoskill.data.datamodule import TransitionData
 from geoskill.data.demonstration import Demonstration
 from geoskill.data.transitions import Transition, Transitions
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.objective.inmaxent import ObjectiveSettings
-from geoskill.skill.spec import build
-from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint
+from geoskill.skill.checkpoint import Provenance
+from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
+from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
 from geoskill.training.error_changes import fit_reward_scale
 from geoskill.training.module import SkillTraining
+from geoskill.training.quiet import quiet_libraries
 
 ADAM = partial(torch.optim.Adam, lr=3e-3)
 
@@ -64,17 +65,27 @@ class HandMade(Transitions):
 class Training:
     """Runs that learn from one demonstration, all from the same weights."""
 
-    def __init__(self, frames: Sequence[np.ndarray], description: Mapping[str, Any]) -> None:
-        self.description = description
-        parts = build(description)
-        self.pipelines = parts.pipelines
+    def __init__(self, frames: Sequence[np.ndarray], spec: SkillSpec) -> None:
+        self.spec = spec
+        components = build_skill(spec)
+        self.pipelines = components.pipelines
         self.demonstration = Demonstration(
-            frames, parts.pipelines, parts.members, gap=2, horizon=0.6, num_negatives=0, progress=in_silence
+            frames,
+            components.pipelines,
+            components.members,
+            gap=2,
+            max_span_ratio=0.6,
+            num_negatives=0,
+            progress=in_silence,
         )
 
     def members(self, model: Mapping[str, Any] | None = None) -> dict[str, KernelModel]:
-        """Untrained ones."""
-        return build({**self.description, "model": model or self.description["model"]}, seed=1).members
+        """Build untrained members, with another network than that of the specification if one is given."""
+        spec = self.spec
+        if model is not None:
+            network = plan_skill("p2p", "sift", model, spec.features, top_k=1).model
+            spec = replace(spec, model=network)
+        return build_skill(spec, seed=1).members
 
     def module(
         self,
@@ -84,9 +95,9 @@ class Training:
         feature_dropout: float = 0.2,
         **objective: Any,
     ) -> SkillTraining:
-        """Members, their reward scale fitted, with an objective that has 3 alternatives."""
+        """Build the module of members, their reward scale fitted, with a top_k of 3 in the objective."""
         members = self.members() if members is None else members
-        settings = ObjectiveSettings(**{"alternatives": 3, **objective})
+        settings = ObjectiveConfig(**{"top_k": 3, **objective})
         fit_reward_scale(members, self.demonstration, settings)
         return SkillTraining(
             members,
@@ -95,7 +106,6 @@ class Training:
             descriptor_noise=descriptor_noise,
             feature_dropout=feature_dropout,
             seed=5,
-            description=self.description,
         )
 
     def run(
@@ -116,6 +126,8 @@ class Training:
         """
         folder.mkdir(exist_ok=True)
         table = MetricsTable(folder / "metrics.csv")
+        provenance = Provenance(("tiles",), (160, 120), date="2026-01-01", version="0", seed=5)
+        record = SkillRecord(self.spec, provenance, self.demonstration)
         settings = {
             "accelerator": "cpu",
             "devices": 1,
@@ -126,13 +138,12 @@ class Training:
             "enable_progress_bar": False,
             "enable_model_summary": False,
         }
-        with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
+        with quiet_libraries(), pytest.MonkeyPatch.context() as patch:
             patch.setattr(jaxtyping.config, "jaxtyping_disable", not check_types)
-            quiet_libraries()
             Trainer(
                 **{**settings, **trainer},
                 max_epochs=epochs,
-                callbacks=[table, ResumableCheckpoint(folder / "skill.ckpt"), *callbacks],
+                callbacks=[table, *callbacks, record, ResumableCheckpoint(folder / "skill.ckpt")],
                 default_root_dir=str(folder),
             ).fit(
                 module,
@@ -144,21 +155,21 @@ class Training:
 
 
 @pytest.fixture(scope="session")
-def training_of(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> Callable[..., Training]:
-    """Makes the training of some of the description's members."""
+def training_of(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> Callable[..., Training]:
+    """Return a function that makes the training of some of the specification's members."""
 
     @cache
     def make(*names: str) -> Training:
-        members = {name: description["members"][name] for name in names}
-        return Training(demonstration_frames, {**description, "members": members})
+        members = {name: spec.members[name] for name in names}
+        return Training(demonstration_frames, replace(spec, members=members))
 
     return make
 
 
 @pytest.fixture(scope="session")
-def training(training_of: Callable[..., Training], description: dict[str, Any]) -> Training:
+def training(training_of: Callable[..., Training], spec: SkillSpec) -> Training:
     """Of both members: 20 frames, spans of 2, 4 and 8, so 18 + 16 + 12 = 46 transitions."""
-    return training_of(*description["members"])
+    return training_of(*spec.members)
 
 
 @pytest.fixture(scope="session")

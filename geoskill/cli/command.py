@@ -36,7 +36,7 @@ class Run:
 
     Attributes:
         folder: where its files go; it exists.
-        choices: the choice of each group, by the group's name.
+        choices: the choice of each group that has a single one, by the group's name.
         overrides: of the command line.
         is_multirun: whether it is one of a sweep.
     """
@@ -66,10 +66,10 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
         run = current_run()
 
         def work() -> None:
-            job(typed(cfg, schema), run)
+            job(typed(cfg, schema, run.overrides), run)
 
         if run.is_multirun:
-            _record_failure(work, name, run.folder / FAILED_RUN)
+            record_failure(work, name, run.folder / FAILED_RUN)
         else:
             _exit_on_error(work, name)  # here, for Hydra would print a line of its own
 
@@ -92,7 +92,7 @@ def current_run() -> Run:
     config = HydraConfig.get()
     return Run(
         Path(config.runtime.output_dir),
-        dict(config.runtime.choices),
+        {group: choice for group, choice in config.runtime.choices.items() if isinstance(choice, str)},
         list(config.overrides.task),
         config.mode == RunMode.MULTIRUN,
     )
@@ -146,7 +146,8 @@ def _exit_on_error(work: Callable[[], None], command: str) -> None:
         sys.exit(INTERRUPTED)
 
 
-def _record_failure(work: Callable[[], None], command: str, path: Path) -> None:
+def record_failure(work: Callable[[], None], command: str, path: Path) -> None:
+    """Run one job of several; if it fails, write exit status and message to ``path`` and return."""
     path.unlink(missing_ok=True)
     try:
         work()

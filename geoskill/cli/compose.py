@@ -1,18 +1,22 @@
 """Hydra's configuration from the typed one: registered schemas, checked values, and messages that name the key."""
 
+import ast
 import contextlib
 import dataclasses
 import difflib
+import functools
 import inspect
+import operator
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException, HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -27,7 +31,7 @@ from geoskill.cli.schemas import (
 from geoskill.config import MODELS, Config, ScenarioConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
-from geoskill.schema import check_value, expectation, settings_of
+from geoskill.schema import as_written, check_value, expectation, settings_of
 
 C = TypeVar("C", bound=Config)
 GROUPS = ("kernel", "descriptor", "model", "task", "logger")
@@ -43,8 +47,9 @@ def configuration_folder() -> str:
 def register_schemas(command: str, schema: type[Config]) -> None:
     """Tell Hydra the schema of a command, and every choice that is not a file under ``conf/``.
 
-    Built-in kernels, networks and tasks are registered by name alone: importing them takes seconds. A plug-in is
-    imported, since its arguments are those of its constructor; one that cannot be is left to the message of its use.
+    Built-in classes are not imported, which would take seconds: kernels and tasks have no arguments, those of networks
+    are in the configuration, and those of extractors are read from their source. A plug-in is imported, since its
+    arguments are those of its constructor; one that cannot be is left to the message of its use.
     """
     store = ConfigStore.instance()
     # What a group decides is left open here, lest one choice is merged into another.
@@ -53,7 +58,7 @@ def register_schemas(command: str, schema: type[Config]) -> None:
     for name in KERNELS.built_in:
         store.store(group="kernel", name=name, node={name: {}})
     for name in EXTRACTORS.built_in:
-        store.store(group="descriptor", name=name, node={name: _schema_of(EXTRACTORS, name)})
+        store.store(group="descriptor", name=name, node={name: _schema_of_extractor(name)})
     for name, model in MODELS.items():
         store.store(group="model", name=name, node=model)
     for name in TASKS.built_in:
@@ -85,6 +90,38 @@ def _register_plug_in(store: ConfigStore, registry: Registry, name: str) -> None
     store.store(group=registry.kind, name=name, node=node)
 
 
+def _schema_of_extractor(name: str) -> type:
+    """Return what :func:`_schema_of` does for a built-in extractor, from its source where that says it plainly."""
+    source = Path(__file__).resolve().parents[1] / "features" / f"{name}.py"
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef) and f"name: ClassVar[str] = '{name}'" in map(ast.unparse, node.body):
+            constructors = [own for own in node.body if isinstance(own, ast.FunctionDef) and own.name == "__init__"]
+            try:
+                entries = [entry for own in constructors for entry in _plain_arguments(own.args)]
+            except ValueError:
+                break
+            return dataclasses.make_dataclass(f"{node.name}Config", entries)
+    return _schema_of(EXTRACTORS, name)
+
+
+def _plain_arguments(arguments: ast.arguments) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, type and default of the arguments of a constructor.
+
+    Raises:
+        ValueError: when one has no default, or one that is no literal, or a type that is not plain.
+    """
+    positional, plain = arguments.args[1:], {"int": int, "float": float, "bool": bool, "str": str, "None": None}
+    defaults = [*arguments.defaults, *arguments.kw_defaults]
+    if arguments.posonlyargs or arguments.vararg or arguments.kwarg:
+        raise ValueError("other than named arguments")
+    for own, default in zip([*positional, *arguments.kwonlyargs], defaults, strict=True):
+        words = ast.unparse(own.annotation).split(" | ") if own.annotation else [""]
+        if default is None or not plain.keys() >= set(words):
+            raise ValueError(f"{own.arg} has no default, or no plain type")
+        hint = functools.reduce(operator.or_, (plain[word] for word in words))
+        yield own.arg, hint, dataclasses.field(default=ast.literal_eval(default))
+
+
 def _schema_of(registry: Registry, name: str) -> type:
     """Return a dataclass of the arguments that the class of a name takes, with their types and defaults."""
     entries: list[Any] = []
@@ -101,30 +138,44 @@ def compose_training(*overrides: str) -> TrainCommandConfig:
     with contextlib.ExitStack() as stack:
         if not GlobalHydra.instance().is_initialized():
             stack.enter_context(hydra.initialize_config_dir(configuration_folder(), version_base="1.3"))
-        return typed(hydra.compose("train", list(overrides)), TrainCommandConfig)
+        return typed(hydra.compose("train", list(overrides)), TrainCommandConfig, overrides)
 
 
-def typed(cfg: DictConfig, schema: type[C]) -> C:
+def typed(cfg: DictConfig, schema: type[C], overrides: Sequence[str] = ()) -> C:
     """Return a composed configuration as its dataclass, every value checked.
 
+    Args:
+        cfg: what Hydra composed.
+        schema: the dataclass.
+        overrides: those that went into it. Their values are checked as they were written: OmegaConf takes 1 for true.
+
     Raises:
-        InputError: for the first value out of range, named by its key.
+        InputError: for the first value out of range, or key that the schema lacks, named by its key.
     """
-    _check_values(cfg, "")
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    written = {own.key_or_group: own.value() for own in parsed}
+    plain = {key: value for key, value in written.items() if isinstance(value, bool | int | float | str)}
+    _check_values(cfg, "", plain)
     config = OmegaConf.to_object(cfg)
     assert isinstance(config, schema)
     return config
 
 
-def _check_values(node: DictConfig, prefix: str) -> None:
+def _check_values(node: DictConfig, prefix: str, written: Mapping[str, bool | int | float | str]) -> None:
     schema = OmegaConf.get_type(node)
     known = {name: own for name, *own in settings_of(schema)} if dataclasses.is_dataclass(schema) else {}
-    for key in node:
-        value = None if OmegaConf.is_missing(node, key) else node[key]
+    for name in map(str, node):
+        key = f"{prefix}{name}"
+        if known and name not in known:  # which +KEY=VALUE has added
+            similar = [f"{prefix}{name}, or " for name in difflib.get_close_matches(name, known, n=1)]
+            raise InputError(f"{key!r}: there is no such key; expected {''.join(similar)}one of --cfg job")
+        value = None if OmegaConf.is_missing(node, name) else node[name]
         if isinstance(value, DictConfig):
-            _check_values(value, f"{prefix}{key}.")
-        elif key in known:
-            check_value(prefix + str(key), value, *known[key])
+            _check_values(value, f"{key}.", written)
+        elif name in known:
+            settings_field, hint = known[name]
+            text = str in (hint, *get_args(hint))  # which a number is, too
+            check_value(key, value if text else written.get(key, value), settings_field, hint)
 
 
 def refuse_renamed_keys() -> None:
@@ -151,8 +202,7 @@ def explain_composition(error: BaseException, command: str) -> str:
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             settings = _settings_of(cause)
             if settings is not None:
-                value = "null" if cause.value is None else cause.value
-                return f"{cause.full_key}={value}: expected {expectation(*settings)}"
+                return f"{cause.full_key}={as_written(cause.value)}: expected {expectation(*settings)}"
         cause = cause.__cause__
     unknown = re.match(r"Could not (?:override|append to|delete from config. )\W*'([^']+)'", str(error))
     if unknown and isinstance(error, ConfigCompositionException):

@@ -48,7 +48,7 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
     with atomic_open(run.folder / "metrics.json") as file:
         described = {"skill": str(config.skill), "video": sequence.source.name, "every": config.every}
         json.dump({**described, **metrics}, file, indent=2)
-    with atomic_open(run.folder / "verdicts.csv") as file:
+    with atomic_open(run.folder / "frames.csv") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

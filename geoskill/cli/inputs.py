@@ -88,5 +88,5 @@ def selection(skill: Skill, config: SelectionConfig | InferenceConfig) -> Infer:
         skill: scores them.
         config: whether over time (:class:`TemporalFilter`), and the confidence below which nothing is selected.
     """
-    select = skill.infer if config.temporal == "none" else TemporalFilter(skill).infer
+    select = skill.infer if config.temporal == "none" else TemporalFilter(skill, config.filter).infer
     return lambda frame, features=None, /: abstain_below(select(frame, features), config.abstain)

@@ -1,4 +1,4 @@
-"""What is shown, and not shown, while a command works."""
+"""Progress bars of the commands."""
 
 import sys
 from collections.abc import Iterable
@@ -10,9 +10,9 @@ Item = TypeVar("Item")
 
 
 def show_progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterable[Item]:
-    """A bar on the terminal while items are worked off; of several processes, only the first one shows it.
+    """Show a progress bar over ``items`` on the terminal; of several processes, only the first one shows it.
 
-    Where there is no terminal there is no bar, whose control characters would get into the last line.
+    Without a terminal there is no bar: its control characters would end up in the output.
     """
     from lightning.fabric.utilities.rank_zero import rank_zero_only
 

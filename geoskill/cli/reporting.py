@@ -4,10 +4,11 @@ import json
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 import yaml
+from jaxtyping import UInt8
 
 from geoskill.cli.inputs import Infer
 from geoskill.cli.progress import show_progress
@@ -17,6 +18,7 @@ from geoskill.io.atomic import atomic_open
 from geoskill.io.camera import Camera
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
+from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.skill import Skill
@@ -31,14 +33,14 @@ def write_inference(
     frames: Iterable[Frame],
     source: FrameSource,
     folder: Path,
-    minimum_weight: float,
+    min_drawn_weight: float,
     metrics: Mapping[str, int | float],
     threads: int,
 ) -> dict[str, Any]:
-    """Infer every frame and write the results into ``folder``; returns what ``metrics.json`` holds.
+    """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
-    Ctrl-C is how a camera's frames end. When they end by Ctrl-C otherwise, or because the source is damaged, everything
-    up to there is written first, unless ``folder`` holds earlier results: those stay.
+    A camera's frames end with Ctrl-C. Where other frames end by Ctrl-C or by a damaged source, the results up to there
+    are written first, unless ``folder`` holds earlier results, which stay.
 
     Args:
         skill: has the members.
@@ -46,76 +48,101 @@ def write_inference(
         frames: one after the other; may be endless.
         source: gives the name and the frame rate.
         folder: an existing folder.
-        minimum_weight: of the select-out; other associations than the best are not drawn below it.
-        metrics: figures to add where there are none of the same name.
-        threads: of how many frames the features are extracted at once, while associations are selected in another;
-            with one, each frame is done with before the next is read.
+        min_drawn_weight: select-out below which associations other than the best are not drawn.
+        metrics: added where the names are new.
+        threads: number of frames whose features are extracted at once, while associations are selected in another;
+            with one, each frame is finished before the next is read.
 
     Raises:
         InputError: where the source is damaged.
         KeyboardInterrupt: after Ctrl-C, unless the source is a camera.
     """
-    definition = TaskDefinition(skill.members)
-    history: list[tuple[int, str, float, float]] = []
-    count = 0
+    results = _Results(skill, source)
     failure: BaseException | None = None
-    title = Path(source.name).name
-    total = len(frames) if isinstance(frames, Sized) else None
     with (
         atomic_open(folder / "associations.jsonl") as lines,
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
         closing(extracted_ahead(skill, frames, threads, live=isinstance(source, Camera))) as extracted,
     ):
         try:
+            total = len(frames) if isinstance(frames, Sized) else None
             for frame, features in show_progress(extracted, "selecting associations", total):
                 result = infer(frame.image, features)
-                for line in association_lines(frame, result):
+                for line in association_lines(frame, result, skill.members):
                     lines.write(json.dumps(line) + "\n")
-                video.write(
-                    draw_overlay(
-                        frame.image,
-                        list(result.features.values()),
-                        result.associations,
-                        frame_index=frame.index,
-                        title=title,
-                        minimum_weight=minimum_weight,
-                        reasons=[f"{kernel}: {reason}" for (kernel, _), reason in result.reasons.items()],
-                    )
-                )
-                definition.add(frame.index, result)
-                for association in result.associations:
-                    if association.rank == 1:
-                        norm = float(np.linalg.norm(association.error))
-                        member = "_".join((association.kernel, *association.descriptor.split("+")))
-                        history.append((frame.index, member, association.confidence, norm))
-                count += 1
+                video.write(results.overlay(frame, result, min_drawn_weight))
+                results.add(frame, result)
         except (KeyboardInterrupt, InputError) as error:
             if not (isinstance(error, KeyboardInterrupt) and isinstance(source, Camera)):
-                if count == 0 or (folder / "associations.jsonl").exists():
+                if results.frames == 0 or (folder / "associations.jsonl").exists():
                     raise
                 failure = error
-    summary: dict[str, Any] = {
-        "source": source.name,
-        "frames": count,
-        "frames_with_association": len({row[0] for row in history}),
-        "mean_confidence": float(np.mean([row[2] for row in history])) if history else None,
-    }
-    summary = {**summary, **metrics, **summary}
-    described = {"source": source.name, **definition.as_dict()}
-    with atomic_open(folder / "skill.yaml") as file:
-        yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
-    with atomic_open(folder / "metrics.json") as file:
-        json.dump(summary, file, indent=2)
-    plot_inference(history, folder / "inference.png")
+    summary = results.write(folder, metrics)
     if failure is not None:
         raise failure
     return summary
 
 
+@final
+class _Results:
+    """What is collected over the frames of a video.
+
+    Args:
+        skill: has the members.
+        source: gives the name.
+    """
+
+    def __init__(self, skill: Skill, source: FrameSource) -> None:
+        self.frames = 0
+        self._source = source.name
+        self._definition = TaskDefinition(skill.members)
+        self._history: list[tuple[int, str, float, float]] = []
+
+    def overlay(
+        self, frame: Frame, result: InferenceResult, min_drawn_weight: float
+    ) -> UInt8[np.ndarray, "height width 3"]:
+        """Draw what was selected in a frame."""
+        return draw_overlay(
+            frame.image,
+            list(result.features.values()),
+            result.associations,
+            frame_index=frame.index,
+            title=Path(self._source).name,
+            minimum_weight=min_drawn_weight,
+            reasons=[f"{member}: {reason}" for member, reason in result.reasons.items()],
+        )
+
+    def add(self, frame: Frame, result: InferenceResult) -> None:
+        """Take in what was selected in a frame."""
+        self._definition.add(frame.index, result)
+        for association in result.associations:
+            if association.rank == 1:
+                norm = float(np.linalg.norm(association.error))
+                self._history.append((frame.index, association.member, association.confidence, norm))
+        self.frames += 1
+
+    def write(self, folder: Path, metrics: Mapping[str, int | float]) -> dict[str, Any]:
+        """Write task definition, metrics and plot; return the metrics, with those given where the names are new."""
+        own: dict[str, Any] = {
+            "source": self._source,
+            "frames": self.frames,
+            "frames_with_association": len({row[0] for row in self._history}),
+            "mean_confidence": float(np.mean([row[2] for row in self._history])) if self._history else None,
+        }
+        summary = {**own, **metrics, **own}
+        described = {"source": self._source, **self._definition.as_dict()}
+        with atomic_open(folder / "skill.yaml") as file:
+            yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
+        with atomic_open(folder / "metrics.json") as file:
+            json.dump(summary, file, indent=2)
+        plot_inference(self._history, folder / "inference.png")
+        return summary
+
+
 def extracted_ahead(
     skill: Skill, frames: Iterable[Frame], threads: int, *, live: bool
 ) -> Generator[tuple[Frame, dict[str, FeatureSet]], None, None]:
-    """Frames with their features, read and extracted while those before are in use; to be closed.
+    """Yield frames with their features, which are read and extracted ahead of their use; close it after use.
 
     Args:
         skill: has the extractors.
@@ -128,19 +155,21 @@ def extracted_ahead(
     def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
         return frame, skill.extract(frame.image)
 
-    return prefetch_map(extract, frames, threads=threads, ahead=1 if live else None)
+    return prefetch_map(extract, frames, threads=threads, max_prefetch=1 if live else None)
 
 
-def association_lines(frame: Frame, result: InferenceResult) -> Iterator[dict[str, Any]]:
-    """The lines of ``associations.jsonl`` for one frame: every association, and a rank 0 for a member without any."""
+def association_lines(
+    frame: Frame, result: InferenceResult, members: Mapping[str, KernelModel]
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines of ``associations.jsonl`` for one frame; a member without associations has a line of rank 0."""
     place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
     for association in result.associations:
         yield {**place, **association.as_json()}
-    for (kernel, descriptor), reason in result.reasons.items():
+    for name, reason in result.reasons.items():
         yield {
             **place,
-            "kernel": kernel,
-            "descriptor": descriptor,
+            "kernel": members[name].kernel.name,
+            "descriptor": members[name].descriptor,
             "rank": 0,
             "confidence": 0.0,
             "nodes": [],

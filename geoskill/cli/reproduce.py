@@ -1,143 +1,130 @@
-"""``python reproduce.py``: a table of the paper, or one beside it, from one command."""
+"""``python reproduce.py``: a table or figure of the paper, or another study of ``conf/artifact``, from one command."""
+
+from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import logging
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from hydra._internal.callbacks import Callbacks
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from hydra.core.plugins import Plugins
+from hydra.types import HydraContext, RunMode
+from omegaconf import DictConfig
 
-from geoskill.cli.command import run_command
-from geoskill.errors import InputError
-from geoskill.evaluation.tables import accuracies, as_csv, details, overview, reliability_of
+from geoskill.cli.command import FAILED_RUN, Run, current_run, record_failure, run_command
+from geoskill.cli.compose import typed
+from geoskill.cli.schemas import ReproduceCommandConfig
+from geoskill.cli.study import Job, Study
+from geoskill.cli.sweep import exit_on_failure, write_summary
 
-QUICK_TRAINING = ("trainer.max_epochs=2",)
-QUICK_EVERY = 10
+if TYPE_CHECKING:
+    from geoskill.evaluation.tables import Scores
+
+log = logging.getLogger(__name__)
+
 BASELINE = "hand-picked trackers"
 
 
 def main() -> None:
-    """Entry point of ``reproduce.py`` and ``geoskill-reproduce``."""
-    run_command("reproduce", reproduce)
+    """Run ``reproduce.py`` or ``geoskill-reproduce``."""
+    run_command("reproduce", ReproduceCommandConfig, reproduce)
 
 
-def reproduce(cfg: DictConfig) -> None:
-    """Train and score every row over its seeds, then write the table and the picture.
+def reproduce(config: ReproduceCommandConfig, run: Run) -> None:
+    """Train and score what is not complete yet, then write the tables and pictures of what is.
+
+    Jobs go to the launcher of ``hydra/launcher``. One that fails does not stop the others. When all have ended, the
+    first failure is reported, and the exit status is that of this failure.
 
     Raises:
-        InputError: when the data are not given or not there.
-        RuntimeError: when a training or a scoring fails; what has ended is kept.
+        InputError: when the study or its data have something wrong, or the folder holds results of other settings.
     """
-    from rich.progress import track
+    from geoskill.evaluation.tables import TRAINING_METRICS
 
-    if "data" in cfg.artifact and cfg.artifact.data is None:
-        raise InputError("artifact.data is not set; expected the folder of the labeled sequences (artifact.data=DIR)")
-    artifact: dict[str, Any] = OmegaConf.to_container(cfg.artifact, resolve=True)  # type: ignore[assignment]
-    for override in (*artifact["train"], *(value for test in artifact["tests"].values() for value in test)):
-        key, _, path = override.partition("=")
-        if key in ("task.path", "video") and not Path(path).is_dir():
-            raise InputError(
-                f"artifact.data={artifact['data']}: has no folder {Path(path).name}; expected one with frames"
-            )
-    if cfg.jobs < 1:
-        raise InputError(f"jobs={cfg.jobs}: expected at least 1")
-    folder = Path(HydraConfig.get().runtime.output_dir) / ("quick" if cfg.quick else "full")
-    seeds = artifact["seeds"][:1] if cfg.quick else artifact["seeds"]
-    runs = [
-        (row, seed, folder / row.replace("=", "-").replace(" ", "_") / str(seed), overrides)
-        for row, overrides in artifact["rows"].items()
-        for seed in seeds
-    ]
-    with ThreadPoolExecutor(cfg.jobs) as pool:
-        jobs = [pool.submit(_train_and_score, artifact, seed, run, over, cfg.quick) for _, seed, run, over in runs]
-        try:
-            for job in track(jobs, description="training and scoring"):
-                job.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    study, folder, jobs = _open(config, run)
+    launch([number for number, job in enumerate(jobs) if not job.is_complete()], config.jobs)
     scores: dict[str, list[dict[str, Any]]] = {}
     curves: dict[str, list[Path]] = {}
-    for row, _, run, _ in runs:
-        scores.setdefault(row, []).append(json.loads((run / "scores.json").read_text(encoding="utf-8")))
-        curves.setdefault(row, []).append(run / "metrics.csv")
-    _write(folder, artifact, scores, curves)
-    print((folder / "table.md").read_text(encoding="utf-8"))
-    print(folder)
+    for job in jobs:
+        if not (job.training.folder / FAILED_RUN).exists():
+            scores.setdefault(job.variant, []).append(job.scores(TRAINING_METRICS))
+            curves.setdefault(job.variant, []).append(job.training.folder / "metrics.csv")
+    if scores:
+        write_tables(folder, study, scores, curves)
+        print((folder / "table.md").read_text(encoding="utf-8"))
+    print(folder, flush=True)
+    exit_on_failure([(f"{job.name} ({job.training.folder})", job.training.folder) for job in jobs])
 
 
-def _write(
-    folder: Path,
-    artifact: Mapping[str, Any],
-    scores: Mapping[str, Sequence[Mapping[str, Any]]],
-    curves: Mapping[str, Sequence[Path]],
-) -> None:
+def launch(numbers: Sequence[int], at_once: int) -> None:
+    """Hand jobs of the study to Hydra's launcher, which calls :func:`perform_job` with each in a process of its own.
+
+    Args:
+        numbers: of the jobs, in the order of :meth:`Study.jobs`.
+        at_once: how many the launcher on this machine runs at the same time; others have settings of their own.
+    """
+    if not numbers:
+        return
+    hydra, loader = HydraConfig.get(), GlobalHydra.instance().config_loader()
+    given = list(hydra.overrides.task)
+    local = [f"hydra.launcher.n_jobs={at_once}"] if "n_jobs" in hydra.launcher else []
+    own = ["hydra.output_subdir=null", *hydra.overrides.hydra, *local]  # the configuration is stored once
+    config = loader.load_configuration(hydra.job.config_name, [*own, *given], RunMode.MULTIRUN)
+    launcher = Plugins.instance().instantiate_launcher(HydraContext(loader, Callbacks(config)), perform_job, config)
+    for ended in launcher.launch([[*given, f"job={number}"] for number in numbers], initial_job_idx=0):
+        _ = ended.return_value  # raises what was not recorded as a failure of the job
+
+
+def perform_job(cfg: DictConfig) -> None:
+    """Perform the job of number ``job``; a failure is logged and left in its folder."""
+    config = typed(cfg, ReproduceCommandConfig)
+    assert config.job is not None
+    job = _open(config, current_run())[2][config.job]
+    failure = job.training.folder / FAILED_RUN
+    failure.parent.mkdir(parents=True, exist_ok=True)
+    record_failure(job.perform, "reproduce", failure)
+    if failure.exists():
+        log.error("%s: failed with status %s", job.name, failure.read_text(encoding="utf-8").strip())
+
+
+def write_tables(folder: Path, study: Study, scores: Scores, curves: dict[str, list[Path]]) -> None:
+    """Write the tables and pictures of the complete trainings into the folder of the study.
+
+    Args:
+        folder: an existing one.
+        study: has the test sets and published values.
+        scores: see :data:`geoskill.evaluation.tables.Scores`.
+        curves: the ``metrics.csv`` of every training by variant.
+    """
+    from geoskill.evaluation import tables
     from geoskill.viz.bars import plot_bars, plot_reliability, plot_trainings
 
-    tests = list(artifact["tests"])
-    published = dict(artifact["published"])
-    if artifact["baseline"]:
-        published = {BASELINE: _baseline(scores, tests), **published}
-    table = overview(scores, tests, published) + "\n" + details(scores, tests)
-    (folder / "table.md").write_text(table, encoding="utf-8")
-    (folder / "table.csv").write_text(as_csv(scores, tests), encoding="utf-8")
+    trainings = tables.training_frame(scores)
+    write_summary(trainings, ["variant"], folder)
+    test_sets, published, frame = list(study.test_sets), dict(study.published), trainings
+    markdown = (folder / "summary.md").read_text(encoding="utf-8")
+    if test_sets:
+        frame = tables.score_frame(scores, test_sets)
+        if study.baseline:
+            published = {BASELINE: tables.baseline_success(frame), **published}
+        markdown = tables.overview(scores, test_sets, published) + "\n" + tables.details(scores, test_sets)
+        plot_bars(test_sets, tables.accuracies(frame, test_sets), published, folder / "accuracy.png")
+        bins = {str(variant): tables.reliability_of(rows) for variant, rows in frame.groupby("variant", sort=False)}
+        plot_reliability(bins, folder / "reliability.png")
+    (folder / "table.md").write_text(markdown, encoding="utf-8")
+    (folder / "table.csv").write_text(tables.csv_table(frame), encoding="utf-8")
     (folder / "table.json").write_text(json.dumps({"scores": scores, "published": published}, indent=2), "utf-8")
-    rows = {row: [accuracies(seeds, test) for test in tests] for row, seeds in scores.items()}
-    plot_bars(tests, rows, published, folder / "accuracy.png")
-    plot_reliability({row: reliability_of(seeds, tests) for row, seeds in scores.items()}, folder / "reliability.png")
     plot_trainings(curves, folder / "training.png")
 
 
-def _baseline(scores: Mapping[str, Sequence[Mapping[str, Any]]], tests: Sequence[str]) -> dict[str, float]:
-    """The percentage of recordings on which the trackers succeed; the recordings are those of every row."""
-    seeds = next(iter(scores.values()))
-    return {test: 100 * sum(seed[test]["baseline_success"] for seed in seeds) / len(seeds) for test in tests}
-
-
-def _train_and_score(artifact: Mapping[str, Any], seed: int, run: Path, overrides: Sequence[str], quick: bool) -> None:
-    """One training and its scores, in processes of their own; nothing is done twice."""
-    from geoskill.io.atomic import atomic_open
-
-    if (run / "scores.json").is_file():
-        return
-    training = [*artifact["train"], *overrides]
-    if not (run / "metrics.json").is_file():
-        _python(
-            "geoskill.cli.train",
-            *training,
-            *(QUICK_TRAINING if quick else ()),
-            f"seed={seed}",
-            "threads=1",
-            "logger=none",
-            f"hydra.run.dir={run}",
-        )
-    trained = json.loads((run / "metrics.json").read_text(encoding="utf-8"))
-    scores: dict[str, Any] = {"seed": seed, "rsw": trained["rsw"], "steps": trained["steps"]}
-    simulated = [override for override in training if override.startswith("task=") and override != "task=video"]
-    for test, settings in artifact["tests"].items():
-        # In simulation the test is of the task that was learned, the last one named.
-        _python(
-            "geoskill.cli.evaluate",
-            f"skill={run / 'skill.ckpt'}",
-            *simulated[-1:],
-            *settings,
-            f"every={QUICK_EVERY if quick else artifact['every']}",
-            f"hydra.run.dir={run / test}",
-        )
-        scores[test] = json.loads((run / test / "metrics.json").read_text(encoding="utf-8"))
-    with atomic_open(run / "scores.json") as file:  # a whole one says that all of this is done
-        json.dump(scores, file, indent=2)
-
-
-def _python(module: str, *arguments: str) -> None:
-    ended = subprocess.run([sys.executable, "-m", module, *arguments], capture_output=True, text=True, check=False)
-    if ended.returncode != 0:
-        last = (ended.stderr.strip().splitlines() or ["no message"])[-1]
-        raise RuntimeError(f"{module} {' '.join(arguments)} ended with status {ended.returncode}: {last}")
+def _open(config: ReproduceCommandConfig, run: Run) -> tuple[Study, Path, list[Job]]:
+    study = Study.from_plain(config.artifact)
+    folder = run.folder / ("quick" if config.quick else "full")
+    return study, folder, study.jobs(folder, config.quick)
 
 
 if __name__ == "__main__":

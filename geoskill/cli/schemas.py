@@ -129,10 +129,23 @@ class EvaluateCommandConfig(Config):
     debug: bool = _debug()
 
 
+@final
+@dataclass
+class ReproduceCommandConfig(Config):
+    """`reproduce.py`: a table or figure of the paper, or another study, over several trainings."""
+
+    artifact: Any = setting(None, "The study, one of those in conf/artifact.")
+    jobs: int = setting(2, "Trainings at once on this machine, each on one thread.", at_least=1)
+    quick: bool = setting(False, "One seed, few epochs and every tenth frame: to see that it works, not what it finds.")
+    job: int | None = setting(None, "Number of the one job that a launched process performs.", at_least=0)
+    debug: bool = _debug()
+
+
 COMMANDS: Mapping[str, type[Config]] = {
     "train": TrainCommandConfig,
     "infer": InferCommandConfig,
     "evaluate": EvaluateCommandConfig,
+    "reproduce": ReproduceCommandConfig,
 }
 
 RENAMED: Mapping[str, str] = {

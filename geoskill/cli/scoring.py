@@ -8,7 +8,7 @@ from geoskill.cli.inputs import selection
 from geoskill.cli.progress import show_progress
 from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
-from geoskill.evaluation.evaluator import evaluate_frames, member_name
+from geoskill.evaluation.evaluator import evaluate_frames
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions, load_regions
 from geoskill.io.frames import Frame
@@ -17,46 +17,50 @@ from geoskill.skill.skill import Skill
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
 
-# Frames of a demonstration, spread over it, in whose features is looked for what meets.
+# Frames of a demonstration in whose features the oracle looks for pairs that meet.
 ORACLE_FRAMES = 12
 
 
 def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
-    """The labeled regions of these frames, of which every so many are to be judged.
+    """Read the labeled regions of these frames, every so many of which are evaluated.
 
     Raises:
-        InputError: when the regions do not fit the frames, or cover none that is to be judged.
+        InputError: when the regions do not fit the frames, or cover none that is evaluated.
     """
     if every < 1:
         raise InputError(f"every={every}: expected at least 1")
     height, width = frames[0].image.shape[:2]
     regions = load_regions(path, (width, height), len(frames))
-    regions.require_judged(len(frames), every)
+    regions.require_evaluated(len(frames), every)
     return regions
 
 
 def score(
     skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, config: SelectionConfig
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Figures over all judged frames, and a row for each member and judged frame.
+    """Return metrics over all evaluated frames, and a row for each member and evaluated frame.
 
     Raises:
-        InputError: when no frame to be judged is labeled, or there is no such selection (:func:`selection`).
+        InputError: when no evaluated frame is labeled.
     """
     return evaluate_frames(
         frames,
         selection(skill, config),
         labels,
-        [(member.kernel, member.descriptor) for member in skill.members.values()],
+        skill.members,
         every=every,
         continuous=config.temporal != "none",
-        progress=lambda items: show_progress(items, "judging frames", total=len(frames)),
+        progress=lambda items: show_progress(items, "evaluating frames", total=len(frames)),
     )
 
 
 def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording") -> dict[str, dict[str, Any]]:
-    """By member: how strict a skill could be in a recording that knew all that meets in its demonstration's picture."""
-    from geoskill.evaluation.oracle import oracle
+    """Return the metrics of an oracle for each member.
+
+    The oracle knows all pairs that meet in the demonstration's picture; a skill that learned from it cannot be expected
+    to be more exact in another recording.
+    """
+    from geoskill.evaluation.oracle import evaluate_oracle
 
     frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)
     pictures = {frame: demonstration.picture(frame) for frame in frames}
@@ -65,11 +69,11 @@ def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording
         for name, pipeline in skill.pipelines.items()
     }
     return {
-        member_name(member.kernel, member.descriptor): oracle(
+        member_name: evaluate_oracle(
             member.kernel,
             demonstration,
             {frame: {kind: found[name][frame] for kind, name in member.extractors.items()} for frame in frames},
             recording,
         )
-        for member in skill.members.values()
+        for member_name, member in skill.members.items()
     }

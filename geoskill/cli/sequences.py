@@ -146,13 +146,11 @@ def labeled_recording(scene: SimulatedScene, episode: str, store: DiskCache | No
 
 def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | None) -> "Recording":
     """Return a recording, rendered unless the store has it; see :func:`labeled_recording`."""
-    from geoskill.simulation.conditions import Conditions
     from geoskill.simulation.recording import Recording, pack, unpack
     from geoskill.simulation.scene import RecordingSettings, record
 
-    conditions = Conditions(**asdict(scene.scenario))
     task = TASKS.build(scene.task, {})()
-    settings = RecordingSettings(task, conditions, scene.seed, episode)
+    settings = RecordingSettings(task, scene.scenario, scene.seed, episode)
 
     def render() -> Recording:
         return record(settings)
@@ -160,12 +158,12 @@ def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | 
     if store is None:
         return render()
     code = _renderer_identity() + code_identity(type(task))
-    described = f"{code} {scene.task} {sorted(asdict(conditions).items())} {scene.seed} {episode}"
+    described = f"{code} {scene.task} {sorted(asdict(scene.scenario).items())} {scene.seed} {episode}"
     return store.get_or_compute(hashlib.sha256(described.encode()).hexdigest(), render, pack, unpack)
 
 
 def _renderer_identity() -> str:
-    """What recordings of the same settings depend on: the code that makes them."""
+    """Return a digest of the code that makes recordings."""
     import mujoco
 
     import geoskill.simulation

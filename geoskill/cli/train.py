@@ -4,6 +4,7 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geoskill.cli.command import INTERRUPTED, Run, run_command
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger, WandbLogger
 
     from geoskill.cli.sequences import LabeledSequence
+    from geoskill.io.frames import FrameSource
     from geoskill.training.learn import LearnedSkill
 
 
@@ -52,17 +54,16 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     simulated = isinstance(config.task, SimulatedTaskConfig)
     first: list[LabeledSequence] = []
 
-    def demonstrations() -> Any:
-        for sequence in labeled_demonstrations(config, store):
-            first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
-            pictures = [frame.image for frame in sequence.frames]
-            yield ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
+    def as_source(sequence: "LabeledSequence") -> "FrameSource":
+        first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
+        pictures = [frame.image for frame in sequence.frames]
+        return ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
 
     loggers = _loggers(config, run)
     try:
         learned = learn(
             config.learning(),
-            demonstrations(),
+            map(as_source, labeled_demonstrations(config, store)),
             checkpoint=run.folder / CHECKPOINT,
             resume=config.ckpt_path,
             init_from=config.init_from,
@@ -74,18 +75,21 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             count=config.task.num_demonstrations if simulated else len(paths_of(config.task)),
         )
     except TrainingInterruptedError as interruption:
-        path = run.folder / CHECKPOINT
-        overrides = [override for override in run.overrides if not override.startswith(("ckpt_path=", "init_from="))]
-        print(
-            f"\ninterrupted after {interruption.epochs} epochs; {path} is complete. To go on:\n"
-            f"  python train.py {shlex.join([*overrides, f'ckpt_path={path}'])}",
-            file=sys.stderr,
-        )
+        _say_how_to_go_on(run, run.folder / CHECKPOINT, interruption.epochs)
         sys.exit(INTERRUPTED)
     if learned.is_main:
         summary = _write_results(config, run, learned, first[0])
         _log_results(loggers, run, summary)
         print(run.folder)
+
+
+def _say_how_to_go_on(run: Run, checkpoint: Path, epochs: int) -> None:
+    overrides = [override for override in run.overrides if not override.startswith(("ckpt_path=", "init_from="))]
+    print(
+        f"\ninterrupted after {epochs} epochs; {checkpoint} is complete. To go on:\n"
+        f"  python train.py {shlex.join([*overrides, f'ckpt_path={checkpoint}'])}",
+        file=sys.stderr,
+    )
 
 
 def _write_results(
@@ -103,9 +107,9 @@ def _write_results(
     with quiet_libraries():
         if sequence.labels is not None:
             # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.
-            always = SelectionConfig(temporal=config.inference.temporal, abstain=0.0)
+            always = SelectionConfig(temporal=config.inference.temporal, filter=config.inference.filter, abstain=0.0)
             scores, _ = score(learned.skill, sequence.frames, sequence.labels, config.task.every, always)
-            scores["judged_frames"] = scores["frames"]
+            scores["evaluated_frames"] = scores["frames"]
             # Metrics of training and of all frames keep their meaning, labeled or not.
             metrics = {name: value for name, value in scores.items() if isinstance(value, int | float)} | metrics
         return write_inference(

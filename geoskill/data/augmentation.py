@@ -1,4 +1,4 @@
-"""What training disturbs: a single video shows each feature under one light, from one side, and never hidden."""
+"""Augmentation of features in training: one video shows a feature in one light, from one side and never hidden."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from geoskill.graphs.motif_graph import MotifGraph
 
 
 def noisy(descriptors: Float[Tensor, "n d"], strength: float, generator: torch.Generator) -> Float[Tensor, "n d"]:
-    """Unit-norm descriptors with Gaussian noise whose expected squared norm is ``strength`` squared.
+    """Return unit-norm descriptors with Gaussian noise whose expected squared norm is ``strength`` squared.
 
     The SD of one component is ``strength / sqrt(d)``, so one value means the same for descriptors of any length.
     """
@@ -21,26 +21,33 @@ def noisy(descriptors: Float[Tensor, "n d"], strength: float, generator: torch.G
 
 
 def sample_visible(
-    graph: MotifGraph, types: Sequence[NodeType], share: float, most: int | None, generator: torch.Generator
+    graph: MotifGraph,
+    node_types: Sequence[NodeType],
+    dropout: float,
+    max_visible: int | None,
+    generator: torch.Generator,
 ) -> dict[NodeType, Bool[Tensor, " n"]]:
-    """Which features of a graph or batch take part in a step; others are hidden, as if they were occluded.
+    """Draw the features of a graph or batch that take part in a step; all others are hidden, as if occluded.
 
-    The skill must then know which association is right when the best one cannot be seen. And a step takes no longer
-    with more features: of many it looks at a few, others each time.
+    The skill thus learns which association is right when the best one is not visible. And a step does not take longer
+    with more features, since it uses a random few of them.
 
     Args:
         graph: one frame or a batch of frames.
-        types: of features.
-        share: the probability with which a feature is hidden.
-        most: features of each type that are expected to be visible in a frame, at most; None for as many as there are.
-        generator: draws them.
+        node_types: the types of features.
+        dropout: probability with which a feature is hidden.
+        max_visible: limit of the expected number of visible features of each type in a frame; None for no limit.
+        generator: of the draws.
+
+    Returns:
+        For each node type, whether a feature is visible.
     """
     visible = {}
-    for kind in types:
-        counts = graph[f"{kind}_count"]
-        hidden = torch.full_like(counts, share, dtype=torch.float32)
-        if most is not None:
-            hidden = torch.maximum(hidden, 1 - most / counts.clamp_min(1))
-        drawn = torch.rand(int(counts.sum()), generator=generator, device=generator.device)
-        visible[kind] = drawn >= hidden.repeat_interleave(counts)
+    for node_type in node_types:
+        counts = graph[f"{node_type}_count"]
+        hidden = torch.full_like(counts, dropout, dtype=torch.float32)
+        if max_visible is not None:
+            hidden = torch.maximum(hidden, 1 - max_visible / counts.clamp_min(1))
+        draws = torch.rand(int(counts.sum()), generator=generator, device=generator.device)
+        visible[node_type] = draws >= hidden.repeat_interleave(counts)
     return visible

@@ -12,7 +12,7 @@ from geoskill.errors import InputError
 
 @final
 class TransitionData(LightningDataModule):
-    """Shuffled mini-batches of transitions, the order a function of seed and epoch only.
+    """Shuffled mini-batches of transitions, in an order that depends on seed and epoch only.
 
     Args:
         demonstration: the transitions.
@@ -26,13 +26,16 @@ class TransitionData(LightningDataModule):
     def __init__(self, demonstration: Transitions, *, batch_size: int, seed: int) -> None:
         super().__init__()
         if batch_size < 1:
-            raise InputError(f"demonstration.batch_size={batch_size}: expected at least 1")
+            raise InputError(f"batch_size={batch_size}: expected at least 1")
         self.demonstration = demonstration
         self.batch_size = batch_size
         self.seed = seed
 
     def train_dataloader(self) -> DataLoader:
-        """One epoch. Lightning tells the sampler the epoch, so that a resumed training sees the same order."""
+        """Return the batches of an epoch.
+
+        Lightning tells the sampler the number of the epoch, so that a resumed training sees the same order.
+        """
         replicas, rank = (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
         sampler: DistributedSampler[Transition] = DistributedSampler(
             self.demonstration, replicas, rank, shuffle=True, seed=self.seed

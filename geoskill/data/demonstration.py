@@ -4,8 +4,8 @@
 
     frame      0 . . t . . . . t+span . .
     features         F         G             extracted on both, unrelated
-    tracked          F ------> F'            each instance of F knows how its own error changes until t+span
-                     G' <----- G             each instance of G knows how its own error changed since t
+    tracked          F ------> F'            the change of error of every instance of F until t+span
+                     G' <----- G             the change of error of every instance of G since t
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,23 +26,24 @@ from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, 
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.motion import Displacement
-from geoskill.tracking.tracks import chain_motions, neighbor_flows
+from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
+from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
-# Features of a frame that are observed: what is fitted to thousands of transitions does not need the instances of more.
+# Limit of features per type in a frame for statistics that are fitted to all transitions, which do not need more.
 MAX_FIT_FEATURES = 100
 
 
-def time_spans(frame_count: int, gap: int, horizon: float) -> tuple[int, ...]:
-    """The lengths of transitions in frames: the gap and its doublings up to a share of the demonstration.
+def time_spans(frame_count: int, gap: int, max_span_ratio: float) -> tuple[int, ...]:
+    """Return the lengths of transitions in frames: the gap, doubled up to a share of the demonstration.
 
-    A short span compares what the hand does now; only a long one tells an object that arrives from one that passes,
-    and only a long one tells anything about frames in which nothing moves any more.
+    A short span compares what the hand does now. Only a long one tells an object that reaches its target from one that
+    passes it, and only a long one says anything about frames in which nothing moves any more.
 
     Args:
         frame_count: frames of the demonstration.
         gap: the shortest span.
-        horizon: the longest span's share of the demonstration, in [0, 1]; 0 leaves the gap alone.
+        max_span_ratio: limit of the longest span over the length of the demonstration, in [0, 1]; 0 for the gap only.
 
     Raises:
         InputError: when a number is out of range, or the demonstration is no longer than the gap.
@@ -51,13 +52,13 @@ def time_spans(frame_count: int, gap: int, horizon: float) -> tuple[int, ...]:
     (2, 4, 8, 16, 32)
     """
     if gap < 1:
-        raise InputError(f"demonstration.gap={gap}: expected at least 1")
-    if not 0 <= horizon <= 1:
-        raise InputError(f"demonstration.horizon={horizon}: expected a share from 0 to 1")
+        raise InputError(f"gap={gap}: expected at least 1")
+    if not 0 <= max_span_ratio <= 1:
+        raise InputError(f"max_span_ratio={max_span_ratio}: expected a share from 0 to 1")
     if frame_count <= gap:
-        raise InputError(f"the demonstration has {frame_count} frames; expected more than demonstration.gap={gap}")
+        raise InputError(f"the demonstration has {frame_count} frames; expected more than gap={gap}")
     spans = [gap]
-    while 2 * spans[-1] <= horizon * (frame_count - 1):
+    while 2 * spans[-1] <= max_span_ratio * (frame_count - 1):
         spans.append(2 * spans[-1])
     return tuple(spans)
 
@@ -69,16 +70,18 @@ class Demonstration(Transitions):
     Args:
         frames: ``[H, W, 3]`` RGB pictures in the order of time.
         pipelines: the extractors by name.
-        members: which kernels there are, and what each takes from the extractors.
-        gap: the shortest transition in frames, and the hop of the tracker.
-        horizon: see :func:`time_spans`.
-        negatives: how many features that never were there each frame is given (:mod:`geoskill.data.negatives`).
+        members: the kernels, and the extractors that each of them uses.
+        gap: the shortest transition in frames, and the step of the tracker.
+        max_span_ratio: see :func:`time_spans`.
+        num_negatives: number of synthetic features that are added to each frame (:mod:`geoskill.data.negatives`).
         progress: shows progress over a sequence.
-        name: what it is called in messages.
-        threads: how many frames are worked on at once; what comes out does not depend on it.
+        name: the demonstration's name in messages.
+        threads: number of frames that are worked on at once; the result does not depend on it.
+        trajectory: anchors and thresholds of the trajectories; None for the defaults.
+        negatives: pictures that the synthetic features come from; None for the defaults.
 
     Raises:
-        InputError: when ``gap`` or ``horizon`` does not fit, or no frame has an instance of some member.
+        InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member.
     """
 
     def __init__(
@@ -88,58 +91,67 @@ class Demonstration(Transitions):
         members: Mapping[str, KernelModel],
         *,
         gap: int,
-        horizon: float,
+        max_span_ratio: float,
         num_negatives: int,
         progress: Progress,
         name: str = "the demonstration",
         threads: int = 1,
+        trajectory: TrajectoryConfig | None = None,
+        negatives: NegativesConfig | None = None,
     ) -> None:
         self.frame_count = len(frames)
-        self._spans = time_spans(len(frames), gap, horizon)
+        self._spans = time_spans(len(frames), gap, max_span_ratio)
         self.members = dict(members)
         numbers = range(len(frames))
         self._transitions = [(t, i) for i, span in enumerate(self._spans) for t in numbers[:-span]]
 
         def extract(frame: np.ndarray) -> dict[str, FeatureSet]:
-            return {name: pipeline.extract(frame) for name, pipeline in pipelines.items()}
+            return {extractor: pipeline.extract(frame) for extractor, pipeline in pipelines.items()}
 
         extracted = parallel_map(
             extract, frames, numbers, threads=threads, progress=progress, description="extracting features"
         )
-        self._features = {name: [features[name] for features in extracted] for name in pipelines}
-        for of_member, member in self.members.items():
-            if not any(self._has_instance(member, t) for t in numbers):
-                raise InputError(
-                    f"no frame of {name} has an association of {of_member}; expected features of type"
-                    f" {' and '.join(member.extractors)} (raise features.min_side or choose another descriptor)"
-                )
+        self._features = {extractor: [features[extractor] for features in extracted] for extractor in pipelines}
+        self._require_instances(name)
         flows = neighbor_flows(frames, gap, progress, threads)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
-            name: chain_motions(found, flows, gap, self._spans) for name, found in self._features.items()
+            extractor: chain_displacements(features, flows, gap, self._spans)
+            for extractor, features in self._features.items()
         }
         self._num_negatives = num_negatives
-        wanted = pipelines if num_negatives > 0 else {}
+        negative_pipelines = pipelines if num_negatives > 0 else {}
         self._negatives = {
-            name: synthesize_negatives(frames, pipeline, progress, threads) for name, pipeline in wanted.items()
+            extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
+            for extractor, pipeline in negative_pipelines.items()
         }
         shorter_side = min(frames[0].shape[:2])
         self._trajectories = {
-            name: trajectories(found, flows, gap, shorter_side) for name, found in self._features.items()
+            extractor: trajectories(features, flows, gap, shorter_side, trajectory)
+            for extractor, features in self._features.items()
         }
 
+    def _require_instances(self, name: str) -> None:
+        for member_name, member in self.members.items():
+            if not any(self._has_instance(member, t) for t in range(self.frame_count)):
+                raise InputError(
+                    f"no frame of {name} has an association of {member_name}; expected features of type"
+                    f" {' and '.join(member.extractors)} (raise min_side or choose another descriptor)"
+                )
+
     def _has_instance(self, member: KernelModel, t: int) -> bool:
-        counts = {kind: len(self._features[name][t]) for kind, name in member.extractors.items()}
+        counts = {node_type: len(self._features[extractor][t]) for node_type, extractor in member.extractors.items()}
         return member.kernel.instances(counts).shape[1] > 0
 
     def __len__(self) -> int:
         return len(self._transitions)
 
     def descriptors(self, name: str) -> dict[NodeType, Tensor]:
-        """See :meth:`Transitions.descriptors`."""
-        extractors = self.members[name].extractors
+        """Return all descriptors; see :meth:`Transitions.descriptors`."""
         return {
-            kind: torch.from_numpy(np.concatenate([found.descriptors for found in self._features[extractor]]))
-            for kind, extractor in extractors.items()
+            node_type: torch.from_numpy(
+                np.concatenate([features.descriptors for features in self._features[extractor]])
+            )
+            for node_type, extractor in self.members[name].extractors.items()
         }
 
     @property
@@ -148,7 +160,7 @@ class Demonstration(Transitions):
         return self._spans
 
     def __getitem__(self, index: int) -> Transition:
-        """See :meth:`Transitions.__getitem__`."""
+        """Return a transition; see :meth:`Transitions.__getitem__`."""
         t, span_index = self._transitions[index]
         span = self._spans[span_index]
         return {
@@ -160,40 +172,40 @@ class Demonstration(Transitions):
         }
 
     def frames(self, name: str) -> Iterator[MotifGraph]:
-        """See :meth:`Transitions.frames`."""
+        """Yield the frames' graphs; see :meth:`Transitions.frames`."""
         member = self.members[name]
         for t in range(self.frame_count):
-            yield motif_graph(member.kernel, {kind: self._features[x][t] for kind, x in member.extractors.items()})
+            features = {node_type: self._features[extractor][t] for node_type, extractor in member.extractors.items()}
+            yield motif_graph(member.kernel, features)
 
     def graph_without_negatives(self, name: str, index: int) -> MotifGraph:
-        """See :meth:`Transitions.graph_without_negatives`."""
+        """Return a frame's graph; see :meth:`Transitions.graph_without_negatives`."""
         t, span_index = self._transitions[index]
         member = self.members[name]
         graph = self._graph(member, t, self._spans[span_index], span_index, negatives=False)
-        shown = {kind: _spread(int(graph[f"{kind}_count"])) for kind in member.node_types}
-        return with_instances(member.kernel, graph, shown)
+        visible = {node_type: _evenly_chosen(int(graph[f"{node_type}_count"])) for node_type in member.node_types}
+        return with_instances(member.kernel, graph, visible)
 
     def _graph(self, member: KernelModel, frame: int, span: int, span_index: int, negatives: bool = True) -> MotifGraph:
-        features, motion, trajectory = {}, {}, {}
-        for kind in member.node_types:
-            name = member.extractors[kind]
-            found = self._features[name][frame], self._motions[name][frame, span], self._trajectories[name][frame]
+        features, displacement, trajectory = {}, {}, {}
+        for node_type, name in member.extractors.items():
+            records = self._features[name][frame], self._motions[name][frame, span], self._trajectories[name][frame]
             if negatives and self._num_negatives > 0:
-                found = append_negatives(*found, self._sample_negatives(name, frame, span))
-            features[kind], motion[kind], trajectory[kind] = found
-        graph = feature_graph(member.kernel, features, motion, trajectory)
+                records = append_negatives(*records, self._sample_negatives(name, frame, span))
+            features[node_type], displacement[node_type], trajectory[node_type] = records
+        graph = feature_graph(member.kernel, features, displacement, trajectory)
         graph.span_index = torch.tensor([span_index])
         return graph
 
     def _sample_negatives(self, name: str, frame: int, span: int) -> FeatureSet:
-        """Others for each frame and span, the same whenever they are asked for."""
+        """Draw negatives that differ between frames and spans, but not between calls."""
         pool = self._negatives[name]
         random = np.random.default_rng([frame, span + len(self._transitions)])
         return pool.take(random.permutation(len(pool))[: self._num_negatives])
 
 
-def _spread(count: int) -> Bool[Tensor, " n"]:
-    """Of many features, some of all strengths: they are in the order of it."""
-    shown = torch.zeros(count, dtype=torch.bool)
-    shown[torch.linspace(0, count - 1, min(count, MAX_FIT_FEATURES)).round().long()] = True
-    return shown
+def _evenly_chosen(count: int) -> Bool[Tensor, " n"]:
+    """Choose at most :data:`MAX_FIT_FEATURES` features, evenly over their order, which is by strength."""
+    chosen = torch.zeros(count, dtype=torch.bool)
+    chosen[torch.linspace(0, count - 1, min(count, MAX_FIT_FEATURES)).round().long()] = True
+    return chosen

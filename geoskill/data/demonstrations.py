@@ -16,60 +16,60 @@ from geoskill.graphs.motif_graph import MotifGraph
 
 @final
 class Demonstrations(Transitions):
-    """The transitions of all of them.
+    """The transitions of several demonstrations.
 
-    What is common to all is the task; backgrounds, hands and ways differ. Each demonstration is followed by itself, and
-    nothing is followed from one to another. A step draws from all, a longer one as much more often as it has more
-    transitions.
+    The task is common to all of them; backgrounds, hands and paths differ. Features are tracked within a demonstration
+    only. A step draws from all, from longer ones more often in proportion to their number of transitions.
 
     Args:
-        parts: at least one, of the same members, pipelines and gap. Spans double from the gap up, so that those of the
-            shorter are the first ones of the longer.
+        demonstrations: at least one, of the same members, pipelines and gap. Spans double from the gap up, so that
+            those of a shorter demonstration are the first ones of a longer.
 
     Raises:
-        ValueError: when there is none, or they have other gaps.
+        ValueError: when there is no demonstration, or their gaps differ.
     """
 
-    def __init__(self, parts: Sequence[Demonstration]) -> None:
-        if not parts:
+    def __init__(self, demonstrations: Sequence[Demonstration]) -> None:
+        if not demonstrations:
             raise ValueError("no demonstration; expected at least one")
-        self.parts = list(parts)
-        self._spans = max((part.spans for part in parts), key=len)
-        for part in parts:
-            if part.spans != self._spans[: len(part.spans)]:
-                raise ValueError(f"spans of {part.spans} and {self._spans} frames; expected the same gap")
-        self._ends = list(accumulate(len(part) for part in parts))
+        self._demonstrations = list(demonstrations)
+        self._spans = max((demonstration.spans for demonstration in demonstrations), key=len)
+        for demonstration in demonstrations:
+            if demonstration.spans != self._spans[: len(demonstration.spans)]:
+                raise ValueError(f"spans of {demonstration.spans} and {self._spans} frames; expected the same gap")
+        self._ends = list(accumulate(len(demonstration) for demonstration in demonstrations))
 
-    def _place(self, index: int) -> tuple[Demonstration, int]:
+    def _locate(self, index: int) -> tuple[Demonstration, int]:
+        """Return the demonstration of a transition, and its index there."""
         if not 0 <= index < len(self):
             raise IndexError(f"transition {index}; expected 0 to {len(self) - 1}")
-        which = bisect_right(self._ends, index)
-        return self.parts[which], index - (self._ends[which - 1] if which else 0)
+        number = bisect_right(self._ends, index)
+        return self._demonstrations[number], index - (self._ends[number - 1] if number else 0)
 
     @property
     def spans(self) -> tuple[int, ...]:
-        """See :attr:`Transitions.spans`: those of the longest."""
+        """Those of the longest demonstration; see :attr:`Transitions.spans`."""
         return self._spans
 
     def __len__(self) -> int:
         return self._ends[-1]
 
     def __getitem__(self, index: int) -> Transition:
-        """See :meth:`Transitions.__getitem__`."""
-        part, place = self._place(index)
-        return part[place]
+        """Return a transition; see :meth:`Transitions.__getitem__`."""
+        demonstration, own_index = self._locate(index)
+        return demonstration[own_index]
 
     def graph_without_negatives(self, name: str, index: int) -> MotifGraph:
-        """See :meth:`Transitions.graph_without_negatives`."""
-        part, place = self._place(index)
-        return part.graph_without_negatives(name, place)
+        """Return a frame's graph; see :meth:`Transitions.graph_without_negatives`."""
+        demonstration, own_index = self._locate(index)
+        return demonstration.graph_without_negatives(name, own_index)
 
     def frames(self, name: str) -> Iterator[MotifGraph]:
-        """See :meth:`Transitions.frames`."""
-        for part in self.parts:
-            yield from part.frames(name)
+        """Yield the frames' graphs; see :meth:`Transitions.frames`."""
+        for demonstration in self._demonstrations:
+            yield from demonstration.frames(name)
 
     def descriptors(self, name: str) -> dict[NodeType, Tensor]:
-        """See :meth:`Transitions.descriptors`."""
-        found = [part.descriptors(name) for part in self.parts]
-        return {kind: torch.cat([each[kind] for each in found]) for kind in found[0]}
+        """Return all descriptors; see :meth:`Transitions.descriptors`."""
+        descriptors = [demonstration.descriptors(name) for demonstration in self._demonstrations]
+        return {node_type: torch.cat([rows[node_type] for rows in descriptors]) for node_type in descriptors[0]}

@@ -1,4 +1,4 @@
-"""What training learns from, be it of one demonstration or of several."""
+"""The interface of training data, whether it comes from one demonstration or from several."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from torch.utils.data import Dataset
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 
+# For each member, the graphs of the ``first`` and the ``second`` frame.
 Transition = dict[str, dict[str, MotifGraph]]
 
 
@@ -18,27 +19,27 @@ class Transitions(Dataset[Transition], ABC):
     @property
     @abstractmethod
     def spans(self) -> tuple[int, ...]:
-        """The lengths of transitions in frames; a graph's ``span_index`` is a place among them."""
+        """The lengths of transitions in frames; a graph's ``span_index`` is an index into them."""
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many transitions there are."""
+        """Return the number of transitions."""
 
     @abstractmethod
     def __getitem__(self, index: int) -> Transition:
-        """For each member, the graphs of the ``first`` and the ``second`` frame of a transition, without instances."""
+        """Return both frames of a transition as graphs without instances."""
 
     @abstractmethod
     def graph_without_negatives(self, name: str, index: int) -> MotifGraph:
-        """A member's graph of a transition's first frame with what was there only, no negatives.
+        """Return a member's graph of a transition's first frame with instances and without negatives.
 
-        Of very many features, only the instances of some.
+        It has instances of a subset of the features when there are very many.
         """
 
     @abstractmethod
     def frames(self, name: str) -> Iterator[MotifGraph]:
-        """A member's graphs of all frames as a skill sees them: what was there, and nothing of where it went."""
+        """Yield a member's graphs of all frames as a skill sees them: without negatives and without motion."""
 
     @abstractmethod
     def descriptors(self, name: str) -> dict[NodeType, Tensor]:
-        """``[n, D]`` for each of a member's node types: those of all features of all frames."""
+        """Return the descriptors ``[n, D]`` of all features of all frames, for each of a member's node types."""

@@ -1,1 +1,1 @@
-"""Scoring a skill against labeled regions."""
+"""Evaluation of a skill against ground truth."""

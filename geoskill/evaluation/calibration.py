@@ -1,6 +1,6 @@
-"""Whether a skill is right as often as it is confident.
+"""Calibration: how well confidence predicts whether the top association is right.
 
-Source of the measure: Guo et al., "On Calibration of Modern Neural Networks", ICML 2017.
+Source: Guo et al., "On Calibration of Modern Neural Networks", ICML 2017.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,12 +11,12 @@ BINS = 10
 
 @final
 class ReliabilityBin(NamedTuple):
-    """Frames of about the same confidence.
+    """Frames of similar confidence.
 
     Attributes:
-        frames: how many.
-        confidence: their mean confidence; 0 without any.
-        accuracy: the share of them whose top association is right; 0 without any.
+        frames: number of frames.
+        confidence: their mean confidence; 0 without frames.
+        accuracy: fraction of them whose top association is right; 0 without frames.
     """
 
     frames: int
@@ -24,48 +24,56 @@ class ReliabilityBin(NamedTuple):
     accuracy: float
 
 
-def reliability(judged: Iterable[tuple[float, bool]]) -> list[ReliabilityBin]:
-    """Frames by confidence, in ten equal steps from 0 to 1.
+def reliability(outcomes: Iterable[tuple[float, bool]]) -> list[ReliabilityBin]:
+    """Bin frames by confidence, in ten equal steps from 0 to 1.
 
     Args:
-        judged: of each frame the confidence, in [0, 1], and whether its association is right.
+        outcomes: confidence of each frame's top association, in [0, 1], and whether the association is right.
 
     >>> reliability([(0.95, True), (0.97, False), (1.0, True)])[-1]
     ReliabilityBin(frames=3, confidence=0.9733333333333333, accuracy=0.6666666666666666)
     """
     bins: list[list[tuple[float, bool]]] = [[] for _ in range(BINS)]
-    for confidence, right in judged:
-        bins[min(int(BINS * confidence), BINS - 1)].append((confidence, right))
+    for confidence, correct in outcomes:
+        bins[min(int(BINS * confidence), BINS - 1)].append((confidence, correct))
     return [
-        ReliabilityBin(len(each), _mean([confidence for confidence, _ in each]), _mean([right for _, right in each]))
-        for each in bins
+        ReliabilityBin(
+            len(outcomes_in_bin),
+            _mean([confidence for confidence, _ in outcomes_in_bin]),
+            _mean([correct for _, correct in outcomes_in_bin]),
+        )
+        for outcomes_in_bin in bins
     ]
 
 
-def pooled(parts: Iterable[Sequence[Sequence[float]]]) -> list[ReliabilityBin]:
-    """The bins of several sequences together; each bin may be any (frames, confidence, accuracy)."""
+def pooled(sequences: Iterable[Sequence[Sequence[float]]]) -> list[ReliabilityBin]:
+    """Combine the bins of several sequences.
+
+    Args:
+        sequences: bins of each sequence, as from :func:`reliability` or as lists [frames, confidence, accuracy].
+    """
     totals = [[0.0, 0.0, 0.0] for _ in range(BINS)]
-    for bins in parts:
-        for total, (count, confidence, accuracy) in zip(totals, bins, strict=True):
-            total[0] += count
-            total[1] += count * confidence
-            total[2] += count * accuracy
+    for bins in sequences:
+        for total, (frames, confidence, accuracy) in zip(totals, bins, strict=True):
+            total[0] += frames
+            total[1] += frames * confidence
+            total[2] += frames * accuracy
     return [
-        ReliabilityBin(int(count), confidence / max(1.0, count), accuracy / max(1.0, count))
-        for count, confidence, accuracy in totals
+        ReliabilityBin(int(frames), confidence_sum / max(1.0, frames), accuracy_sum / max(1.0, frames))
+        for frames, confidence_sum, accuracy_sum in totals
     ]
 
 
 def expected_calibration_error(bins: Sequence[ReliabilityBin]) -> float | None:
-    """The mean distance between confidence and accuracy of a bin, weighted by its frames; None without frames.
+    """Compute the mean difference between confidence and accuracy, weighted by frames; None without frames.
 
     >>> expected_calibration_error([ReliabilityBin(3, 0.9, 1.0), ReliabilityBin(1, 0.5, 0.0)])
     0.19999999999999998
     """
-    frames = sum(each.frames for each in bins)
-    if frames == 0:
+    total_frames = sum(frames for frames, _, _ in bins)
+    if total_frames == 0:
         return None
-    return sum(each.frames * abs(each.confidence - each.accuracy) for each in bins) / frames
+    return sum(frames * abs(confidence - accuracy) for frames, confidence, accuracy in bins) / total_frames
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,4 +1,4 @@
-"""How steady the control error is that a controller would be given."""
+"""Smoothness of the control error over the frames."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -7,10 +7,10 @@ import numpy as np
 
 
 def autocorrelation(values: Sequence[float | None]) -> float | None:
-    """The autocorrelation at lag 1 of a series with gaps: 1 for a smooth one, 0 for noise, -1 for one that alternates.
+    """Compute the autocorrelation at lag 1 of a series with gaps: 1 if smooth, 0 for noise, -1 if alternating.
 
-    Products are of neighbors that are both there. None where there are fewer than three such pairs, or where the
-    values do not differ.
+    Only pairs of consecutive values that are both known contribute. None when there are fewer than three such pairs, or
+    all values are equal.
 
     >>> autocorrelation([1.0, -1.0, 1.0, -1.0])
     -1.0

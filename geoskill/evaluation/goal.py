@@ -1,8 +1,8 @@
-"""Whether an association is right not only about the things but about the places on them: strict accuracy.
+"""Strict accuracy: whether an association joins features that meet when the task is done.
 
-A right association is one whose control error is zero when the task is done. Where the ground truth knows where every
-point of the object and the target is then (in simulation), the features of an association are carried to the goal, and
-the kernel's error is taken there.
+An association of the object with the target may still join the wrong points of the two. The control error of a right
+one is zero when the task is done. Ground truth from simulation knows the position of every point of the object and the
+target then: the features of an association are moved to the goal, and the kernel's error is computed there.
 """
 
 from collections.abc import Mapping
@@ -13,90 +13,100 @@ import torch
 from jaxtyping import Bool, Float64
 from torch import Tensor
 
-from geoskill.evaluation.labels import FrameLabels, Region
+from geoskill.evaluation.labels import FrameLabels
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
+from geoskill.simulation.roles import SceneRole
 from geoskill.skill.association import Node
 
 STRICT_M = 0.003
-"""Largest error at the goal of a right association, across the line of sight: 3 mm."""
+"""Largest error at the goal of a right association, perpendicular to the line of sight: 3 mm."""
 
 
 @final
 @dataclass(frozen=True)
-class GoalVerdict:
-    """What becomes of an association at the goal.
+class GoalResult:
+    """Evaluation of an association at the goal.
 
     Attributes:
-        error_m: norm of the control error at the goal; None where a node is on neither object nor target.
-        feasible: whether some choice among the frame's features has an error of at most :data:`STRICT_M` there.
+        error_m: norm of the control error at the goal in meters; None when a node is on neither object nor target.
+        feasible: whether some instance among the features of the frame joins object and target with an error of at most
+            :data:`STRICT_M` at the goal.
     """
 
     error_m: float | None
     feasible: bool
 
 
-def judge_at_goal(
+def evaluate_at_goal(
     kernel: Kernel, nodes: tuple[Node, ...], features: Mapping[NodeType, FeatureSet], labels: FrameLabels
-) -> GoalVerdict | None:
-    """The verdict on an association, None where the labels do not know the goal or the error is no length.
+) -> GoalResult | None:
+    """Return the error of an association at the goal, or None when the labels do not know it or it is no length.
 
-    The norm is over all components: of two lines that lie parallel at a distance h it is h·√2, since each counts.
-    An association within one thing keeps its error whatever is done, and is never right; whoever asks has to make sure
-    that it joins the two.
+    The norm is over all components: of two lines that are parallel at a distance h it is h * sqrt(2), since both
+    components are h. An association within one thing has the same error at the goal as before and is never right; the
+    caller has to check that the association joins object and target.
+
+    Args:
+        kernel: kernel of the association.
+        nodes: its nodes; empty where nothing is selected.
+        features: features of the frame, of the kernel's node types.
+        labels: ground truth of the frame.
     """
     pixel_m = labels.goal_pixel_m
     if pixel_m is None or kernel.unit != "px":
         return None
     errors_m, joins = errors_at_goal(kernel, features, labels, pixel_m)
     feasible = bool((joins & (errors_m <= STRICT_M)).any())
-    own = []
+    nodes_at_goal = []
     for node in nodes:
-        moved = _at_goal(node, labels)
-        if moved is None:
-            return GoalVerdict(None, feasible)
-        own.append(torch.tensor([moved], dtype=torch.float64))
-    if not own:
-        return GoalVerdict(None, feasible)
-    return GoalVerdict(float(kernel.control_error(own).norm()) * pixel_m, feasible)
+        coordinates = _at_goal(node, labels)
+        if coordinates is None:
+            return GoalResult(None, feasible)
+        nodes_at_goal.append(torch.tensor([coordinates], dtype=torch.float64))
+    if not nodes_at_goal:
+        return GoalResult(None, feasible)
+    return GoalResult(float(kernel.control_error(nodes_at_goal).norm()) * pixel_m, feasible)
 
 
 def errors_at_goal(
     kernel: Kernel, features: Mapping[NodeType, FeatureSet], labels: FrameLabels, pixel_m: float
 ) -> tuple[Float64[Tensor, " m"], Bool[Tensor, " m"]]:
-    """Of every instance among a frame's features: the norm of its error at the goal, and whether it joins the things.
+    """Return the error at the goal of every instance among a frame's features, and whether it joins object and target.
 
     Args:
-        kernel: with an error in pixels.
-        features: of the kernel's node types.
-        labels: know the goal.
-        pixel_m: :attr:`FrameLabels.goal_pixel_m` of the labels.
+        kernel: kernel whose error is in pixels.
+        features: features of the frame, of the kernel's node types.
+        labels: ground truth of the frame, including the goal.
+        pixel_m: width of a pixel in meters, :attr:`FrameLabels.goal_pixel_m`.
 
     Returns:
-        The errors in meters, which mean nothing where a node is on neither object nor target; and which instances have
-        all of their nodes on the two, and one on each.
+        Norms of the errors in meters, undefined for instances with a node on neither object nor target; and which
+        instances have all of their nodes on the two, and at least one on each.
     """
-    carried, sides = {}, {}
-    for kind, found in features.items():
-        rows, on = [], []
-        for row in found.geometry.tolist():
-            node = Node(kind, tuple(row))
-            moved = _at_goal(node, labels)
-            on.append(None if moved is None else labels.label(node.center, among=(Region.OBJECT, Region.TARGET)))
-            rows.append(moved or [0.0] * len(row))
-        carried[kind] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), kind.geometry_dim)
-        sides[kind] = torch.tensor([(side is Region.OBJECT) - (side is Region.TARGET) for side in on])
-    instances = kernel.instances({kind: len(found) for kind, found in features.items()})
-    errors = kernel.control_error([carried[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)])
-    joined = torch.stack([sides[kind][index] for kind, index in zip(kernel.roles, instances, strict=True)])
-    joins = (joined != 0).all(dim=0) & (joined == 1).any(dim=0) & (joined == -1).any(dim=0)
+    coordinates, sides = {}, {}  # a side is 1 on the object, -1 on the target, 0 elsewhere
+    for node_type, feature_set in features.items():
+        rows, roles = [], []
+        for row in feature_set.geometry.tolist():
+            node = Node(node_type, tuple(row))
+            at_goal = _at_goal(node, labels)
+            role = None if at_goal is None else labels.label(node.center, among=(SceneRole.OBJECT, SceneRole.TARGET))
+            roles.append(role)
+            rows.append(at_goal or [0.0] * len(row))
+        coordinates[node_type] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), node_type.geometry_dim)
+        sides[node_type] = torch.tensor([(role is SceneRole.OBJECT) - (role is SceneRole.TARGET) for role in roles])
+    instances = kernel.instances({node_type: len(feature_set) for node_type, feature_set in features.items()})
+    nodes = list(zip(kernel.roles, instances, strict=True))
+    errors = kernel.control_error([coordinates[node_type][index] for node_type, index in nodes])
+    node_sides = torch.stack([sides[node_type][index] for node_type, index in nodes])
+    joins = (node_sides != 0).all(dim=0) & (node_sides == 1).any(dim=0) & (node_sides == -1).any(dim=0)
     return errors.norm(dim=1) * pixel_m, joins
 
 
 def _at_goal(node: Node, labels: FrameLabels) -> list[float] | None:
-    """A feature's coordinates at the goal; None where one of its points is on neither object nor target."""
+    """Return a node's coordinates at the goal, or None when one of its points is on neither object nor target."""
     xy = node.coordinates
-    moved = labels.at_goal([(xy[place], xy[place + 1]) for place in range(0, len(xy), 2)])
-    known = [end for end in moved or () if end is not None]
-    return [value for end in known for value in end] if moved is not None and len(known) == len(moved) else None
+    points = labels.at_goal([(xy[index], xy[index + 1]) for index in range(0, len(xy), 2)])
+    known = [point for point in points or () if point is not None]
+    return [value for point in known for value in point] if points is not None and len(known) == len(points) else None

@@ -1,9 +1,10 @@
-"""How much of what meets in one picture meets in another: what strict accuracy a single view lets one expect.
+"""Oracle: best strict accuracy that a demonstration from one viewpoint allows.
 
-A demonstration shows which features come together *as its camera sees them*. The lid of a box that stands on a tile
-does not touch the tile: its corner and a point of the tile that it hides lie on one line of sight, and on no other one.
-Seen from elsewhere, the box still right on its tile, the two are apart. A skill that learned from one picture cannot
-know; even who knew every point of both things, and chose among those that met there, would be this far off.
+A demonstration shows which features meet *as its camera sees them*. The lid of a box that stands on a tile does not
+touch the tile: one of its corners and the point of the tile that it hides lie on one line of sight. Seen from another
+viewpoint they are apart, although the box is right on its tile. A skill learned from one view cannot know this. The
+oracle selects among all instances that meet at the demonstration's goal, and its error in another recording is what
+remains.
 """
 
 from collections.abc import Mapping
@@ -17,30 +18,31 @@ from geoskill.kernels.kernel import Kernel
 from geoskill.simulation.recording import Recording
 
 
-def oracle(
+def evaluate_oracle(
     kernel: Kernel,
     demonstration: Recording,
     features: Mapping[int, Mapping[NodeType, FeatureSet]],
     recording: Recording,
 ) -> dict[str, float | None]:
-    """What the instances of a kernel that meet at one recording's goal come to at another's.
+    """Return the strict metrics of all instances of a kernel that meet at the goal of the demonstration.
 
     Args:
-        kernel: of a member.
-        demonstration: where they meet.
-        features: of some of its frames, by number, of the kernel's node types.
-        recording: shows the same things in another place, or from elsewhere.
+        kernel: kernel of a member.
+        demonstration: recording at whose goal the instances meet.
+        features: features in some frames of the demonstration, by frame number, of the kernel's node types.
+        recording: recording of the same things, arranged differently or from another viewpoint.
 
     Returns:
-        ``oracle_strict_accuracy``, the share of those instances whose error is within 3 mm there, too, and
-        ``oracle_goal_error_mm``, their median error; both None where none meets, or the error is no length.
+        ``oracle_strict_accuracy``, the fraction of those instances with an error of at most 3 mm at the goal of
+        ``recording``, and ``oracle_goal_error_mm``, their median error there; both None when no instance meets, or the
+        error is no length.
     """
     errors_m: list[float] = []
-    for frame, found in features.items() if kernel.unit == "px" else ():
-        here, there = SimulatedFrame(demonstration, frame), SimulatedFrame(demonstration, frame, goal=recording)
-        before_m, joins = errors_at_goal(kernel, found, here, here.goal_pixel_m)
-        after_m, _ = errors_at_goal(kernel, found, there, there.goal_pixel_m)
-        errors_m += after_m[joins & (before_m <= STRICT_M)].tolist()
+    for frame, frame_features in features.items() if kernel.unit == "px" else ():
+        demonstrated, seen = SimulatedFrame(demonstration, frame), SimulatedFrame(demonstration, frame, goal=recording)
+        demonstrated_m, joins = errors_at_goal(kernel, frame_features, demonstrated, demonstrated.goal_pixel_m)
+        seen_m, _ = errors_at_goal(kernel, frame_features, seen, seen.goal_pixel_m)
+        errors_m += seen_m[joins & (demonstrated_m <= STRICT_M)].tolist()
     return {
         "oracle_strict_accuracy": mean(error <= STRICT_M for error in errors_m) if errors_m else None,
         "oracle_goal_error_mm": 1000 * median(errors_m) if errors_m else None,

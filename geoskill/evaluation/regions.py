@@ -1,12 +1,13 @@
-"""The ground truth of real frames: hand-labeled polygons of the object, the target and the hand.
+"""Ground truth of real frames: hand-labeled polygons of the object, the target and the hand.
 
 The file is JSON::
 
     {"sequence": "Blocks/human1", "image_size": [240, 240],
      "frames": {"0": {"object": [[x, y], ...], "target": [...], "hand": [...]}, "5": {...}}}
 
-Keys of ``frames`` are 0-based positions in the sequence, vertices are pixels of the native image (x right, y down), and
-``[]`` is a region that is out of view. ``sequence`` is for the reader only.
+Keys of ``frames`` are 0-based frame numbers of the sequence, vertices are pixels of the native image (x right, y down),
+and ``[]`` is a region that is out of view. ``hand`` is the agent, a hand or a gripper. ``sequence`` is for the reader
+only.
 """
 
 import json
@@ -22,57 +23,68 @@ import numpy as np
 from jaxtyping import Float32
 
 from geoskill.errors import InputError
-from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels, Region
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
+from geoskill.simulation.roles import SceneRole
 
 Polygon = Float32[np.ndarray, "_ 2"]
+
+# Keys of the regions in the file.
+_ROLES = {"object": SceneRole.OBJECT, "target": SceneRole.TARGET, "hand": SceneRole.AGENT}
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class FrameRegions(FrameLabels):
-    """The polygons of one frame, ``[v, 2]`` in pixels; one without vertices is out of view."""
+    """Polygons of one frame.
 
-    polygons: Mapping[Region, Polygon]
+    Attributes:
+        polygons: ``[v, 2]`` in pixels for each role; without vertices where the region is out of view.
+    """
 
-    def signed_distance(self, region: Region, point: tuple[float, float]) -> float:
-        """Distance in pixels to the region's outline: positive inside, 0 on it, ``-inf`` when it is out of view."""
-        polygon = self.polygons[region]
+    polygons: Mapping[SceneRole, Polygon]
+
+    def signed_distance(self, role: SceneRole, point: tuple[float, float]) -> float:
+        """Return the distance in pixels to a region's outline: positive inside, 0 on it, ``-inf`` when out of view."""
+        polygon = self.polygons[role]
         if len(polygon) == 0:
             return -math.inf
         return float(cv2.pointPolygonTest(polygon, (float(point[0]), float(point[1])), True))
 
-    def contains(self, region: Region, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX) -> bool:
-        """Whether a point lies in a region or no more than ``tolerance_px`` from it, whatever the other regions are."""
-        return self.signed_distance(region, point) >= -tolerance_px
+    def contains(self, role: SceneRole, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX) -> bool:
+        """Return whether a point is in a region or within ``tolerance_px`` of it, whatever the other regions are."""
+        return self.signed_distance(role, point) >= -tolerance_px
 
     def label(
-        self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
-    ) -> Region | None:
+        self,
+        point: tuple[float, float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
         """See :meth:`FrameLabels.label`."""
-        distances = {region: self.signed_distance(region, point) for region in among}
-        for reach in (0.0, tolerance_px):
-            for region, distance in distances.items():
-                if distance >= -reach:
-                    return region
+        distances = {role: self.signed_distance(role, point) for role in among}
+        for tolerance in (0.0, tolerance_px):
+            for role, distance in distances.items():
+                if distance >= -tolerance:
+                    return role
         return None
 
     def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> None:
-        """None: labels do not say what belongs where."""
+        """Return None: polygons do not include the goal."""
 
     @property
     def goal_pixel_m(self) -> None:
-        """None: labels do not say how large things are."""
+        """None: polygons have no metric size."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Regions(Labels):
-    """The labeled frames of one sequence.
+    """Labeled frames of one sequence.
 
     Attributes:
-        name: the file, for messages.
-        image_size: width and height in pixels of the images that were labeled.
-        labeled: the polygons of each labeled frame by its number; at least one frame.
+        name: path of the file, for messages.
+        image_size: width and height in pixels of the labeled images.
+        labeled: polygons of each labeled frame by its number; at least one frame.
     """
 
     name: str
@@ -81,31 +93,31 @@ class Regions(Labels):
 
     @property
     def first_frame(self) -> int:
-        """The smallest number of a labeled frame."""
+        """Smallest number of a labeled frame."""
         return min(self.labeled)
 
     @property
     def last_frame(self) -> int:
-        """The largest number of a labeled frame."""
+        """Largest number of a labeled frame."""
         return max(self.labeled)
 
     def at(self, frame: int) -> FrameRegions | None:
-        """See :meth:`Labels.at`; None before the first and after the last labeled frame, for nothing is extrapolated.
+        """Interpolate the polygons of a frame; None before the first and after the last labeled frame.
 
-        Between two labeled frames a region moves linearly, vertex by vertex. Where their numbers of vertices differ,
-        or the region is out of view on one of them, it is the polygon of the nearer labeled frame, and halfway that of
-        the earlier one.
+        Between two labeled frames each vertex moves linearly. When their numbers of vertices differ, or the region is
+        out of view on one of them, the polygon is that of the nearer labeled frame, and halfway that of the earlier
+        one.
         """
         if not self.first_frame <= frame <= self.last_frame:
             return None
         before = max(number for number in self.labeled if number <= frame)
         after = min(number for number in self.labeled if number >= frame)
-        share = (frame - before) / max(after - before, 1)
+        fraction = (frame - before) / max(after - before, 1)
         earlier, later = self.labeled[before].polygons, self.labeled[after].polygons
-        return FrameRegions({region: _between(earlier[region], later[region], share) for region in Region})
+        return FrameRegions({role: _interpolated(earlier[role], later[role], fraction) for role in SceneRole})
 
     def require_size(self, image_size: tuple[int, int]) -> None:
-        """Raises InputError unless ``image_size``, the width and height of the video, is that of the labels."""
+        """Raise InputError unless ``image_size``, width and height of the video in pixels, is that of the labels."""
         if image_size != self.image_size:
             raise InputError(
                 f"{self.name}: image_size is {_size(self.image_size)}; expected {_size(image_size)}, the frame size of "
@@ -116,12 +128,12 @@ class Regions(Labels):
 def load_regions(
     path: str | Path, image_size: tuple[int, int] | None = None, frame_count: int | None = None
 ) -> Regions:
-    """Reads a regions file and checks it against the video it is meant for.
+    """Read a regions file and check it against its video.
 
     Args:
-        path: the JSON file.
-        image_size: width and height of the video's frames; None when they are not known yet.
-        frame_count: the number of the video's frames; None when it is not known.
+        path: JSON file.
+        image_size: width and height of the video's frames in pixels; None when they are not known yet.
+        frame_count: number of frames of the video; None when it is not known.
 
     Raises:
         InputError: when there is no such file, it does not have the format above, or it does not fit the video.
@@ -142,10 +154,10 @@ def load_regions(
     return regions
 
 
-def _between(earlier: Polygon, later: Polygon, share: float) -> Polygon:
+def _interpolated(earlier: Polygon, later: Polygon, fraction: float) -> Polygon:
     if len(earlier) != len(later):
-        return earlier if share <= 0.5 else later
-    return np.asarray((1.0 - share) * earlier + share * later, np.float32)
+        return earlier if fraction <= 0.5 else later
+    return np.asarray((1.0 - fraction) * earlier + fraction * later, np.float32)
 
 
 def _read_json(path: str | Path) -> dict[str, Any]:
@@ -156,7 +168,7 @@ def _read_json(path: str | Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); expected a regions file (JSON)") from error
     try:
-        content = json.loads(text, object_pairs_hook=_without_repetition)
+        content = json.loads(text, object_pairs_hook=_without_duplicates)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (ValueError, RecursionError) as error:
@@ -166,8 +178,8 @@ def _read_json(path: str | Path) -> dict[str, Any]:
     return content
 
 
-def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    # Python's reader would silently keep the last of two entries with one key.
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    # Python's reader silently keeps the last of two entries with the same key.
     content = dict(pairs)
     if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -177,8 +189,8 @@ def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _parsed_size(path: str | Path, value: Any) -> tuple[int, int]:
-    whole = isinstance(value, list) and all(isinstance(side, int) and not isinstance(side, bool) for side in value)
-    if not (whole and len(value) == 2 and min(value) > 0):
+    integers = isinstance(value, list) and all(isinstance(side, int) and not isinstance(side, bool) for side in value)
+    if not (integers and len(value) == 2 and min(value) > 0):
         raise InputError(f"{path}: image_size is {_shown(value)}; expected [width, height] in pixels")
     return value[0], value[1]
 
@@ -195,32 +207,32 @@ def _frame_number(path: str | Path, key: str, frame_count: int | None) -> int:
 
 
 def _parsed_frame(path: str | Path, key: str, value: Any) -> FrameRegions:
-    names = ", ".join(Region)
+    names = ", ".join(_ROLES)
     if not isinstance(value, dict):
         raise InputError(f"{path}: frame {key} is {_shown(value)}; expected an object with the regions {names}")
     for name in value:
-        if name not in set(Region):
+        if name not in _ROLES:
             raise InputError(f"{path}: frame {key} has the unknown region {_shown(name)}; expected {names}")
-    for region in Region:
-        if region not in value:
-            raise InputError(f"{path}: frame {key} has no region '{region}'; expected its polygon, or [] out of view")
-    return FrameRegions({region: _parsed_polygon(path, key, region, value[region]) for region in Region})
+    for name in _ROLES:
+        if name not in value:
+            raise InputError(f"{path}: frame {key} has no region '{name}'; expected its polygon, or [] out of view")
+    return FrameRegions({role: _parsed_polygon(path, key, name, value[name]) for name, role in _ROLES.items()})
 
 
-def _parsed_polygon(path: str | Path, key: str, region: Region, vertices: Any) -> Polygon:
-    place = f"{path}: frame {key}, region '{region}'"
+def _parsed_polygon(path: str | Path, key: str, name: str, vertices: Any) -> Polygon:
+    location = f"{path}: frame {key}, region '{name}'"
     if not isinstance(vertices, list):
-        raise InputError(f"{place} is {_shown(vertices)}; expected a list of vertices [x, y]")
+        raise InputError(f"{location} is {_shown(vertices)}; expected a list of vertices [x, y]")
     if 0 < len(vertices) < 3:
-        raise InputError(f"{place} has {len(vertices)} vertices; expected at least 3, or [] where it is out of view")
+        raise InputError(f"{location} has {len(vertices)} vertices; expected at least 3, or [] where it is out of view")
     for number, vertex in enumerate(vertices):
-        if not (isinstance(vertex, list) and len(vertex) == 2 and all(_is_coordinate(value) for value in vertex)):
-            raise InputError(f"{place}, vertex {number} is {_shown(vertex)}; expected [x, y] in pixels")
+        if not (isinstance(vertex, list) and len(vertex) == 2 and all(map(_is_coordinate, vertex))):
+            raise InputError(f"{location}, vertex {number} is {_shown(vertex)}; expected [x, y] in pixels")
     return np.array(vertices, np.float32).reshape(-1, 2)
 
 
 def _is_coordinate(value: Any) -> bool:
-    # A polygon may reach beyond the picture. The bound keeps NaN, infinity and what overflows float32 out.
+    # A polygon may reach beyond the image. The bound refuses NaN, infinity and numbers that overflow float32.
     return isinstance(value, int | float) and not isinstance(value, bool) and -1e6 <= value <= 1e6
 
 

@@ -1,8 +1,7 @@
-"""How often a skill changes its mind: switches of the top association that the scene did not ask for.
+"""Switches: changes of the top association although the previous one could have been kept.
 
-The nodes of the top association are followed by optical flow from one judged frame to the next. Only where all of them
-arrive, so that the association could have been kept, is the transition comparable; it is a switch when the next top
-association joins other features.
+The nodes of the top association are tracked by optical flow from one evaluated frame to the next. The transition is
+comparable only if all of them can be tracked; it is a switch when the next top association joins other features.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.kernels.kernel import Kernel
-from geoskill.skill.association import Association, Node, follow_nodes
+from geoskill.skill.association import Association, Node, track_nodes
 from geoskill.skill.matching import is_same_association
 from geoskill.tracking.flow import track_between
 
@@ -21,7 +20,7 @@ from geoskill.tracking.flow import track_between
 @final
 @dataclass(frozen=True)
 class SwitchCount:
-    """Transitions that could be compared, and how many of them were switches."""
+    """Number of comparable transitions, and how many of them were switches."""
 
     switches: int
     comparable: int
@@ -29,44 +28,44 @@ class SwitchCount:
 
 @final
 class SwitchCounter:
-    """Counts the switches of one ensemble member along a sequence, keeping no more than one frame.
+    """Counter of the switches of one ensemble member along a sequence.
 
-    Every frame of the sequence goes through :meth:`advance`. On those to be judged, :meth:`judge` follows it. Frames in
-    between are stepping stones: nodes are followed from frame to frame, since flow fails over the long way that things
-    move in many frames.
+    Call :meth:`advance` on every frame of the sequence, and :meth:`evaluate` after it on the frames to evaluate. Nodes
+    are tracked through the frames in between, since flow fails when things move far from one image to the next. No more
+    than one frame is kept in memory.
 
     Args:
-        kernel: the member's kernel.
+        kernel: kernel of the member.
     """
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
         self._image: UInt8[np.ndarray, "height width 3"] | None = None
-        self._followed: tuple[Node, ...] | None = None
+        self._tracked: tuple[Node, ...] | None = None
         self._switches = 0
         self._comparable = 0
 
     @property
     def count(self) -> SwitchCount:
-        """The sum so far."""
+        """Count so far."""
         return SwitchCount(self._switches, self._comparable)
 
     def advance(self, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Goes on to the next RGB frame, following the nodes of the last top association if they are still there."""
-        if self._followed is not None and self._image is not None:
-            self._followed = follow_nodes(self._followed, partial(track_between, start=self._image, end=image))
+        """Go on to the next RGB frame, and track the nodes of the last evaluated top association to it."""
+        if self._tracked is not None and self._image is not None:
+            self._tracked = track_nodes(self._tracked, partial(track_between, start=self._image, end=image))
         self._image = image
 
-    def judge(self, top: Association | None) -> bool | None:
-        """Whether the top association of this frame is a switch.
+    def evaluate(self, top: Association | None) -> bool | None:
+        """Return whether the top association of the current frame is a switch.
 
-        None where the transition is not comparable: on the first judged frame, when a node was lost on the way, or when
-        this frame or the one judged before has no association.
+        None when the transition is not comparable: on the first evaluated frame, when a node was lost on the way, or
+        when this frame or the one evaluated before has no association.
         """
-        before, self._followed = self._followed, None if top is None else top.nodes
-        if before is None or top is None:
+        previous, self._tracked = self._tracked, None if top is None else top.nodes
+        if previous is None or top is None:
             return None
-        switched = not is_same_association(self._kernel, before, top.nodes)
+        switched = not is_same_association(self._kernel, previous, top.nodes)
         self._switches += switched
         self._comparable += 1
         return switched

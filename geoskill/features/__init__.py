@@ -1,1 +1,1 @@
-"""From frames to features: detectors, descriptors, tracking, the cache, and reading video."""
+"""Feature extraction: detectors and descriptors, the pipeline around them, and its cache."""

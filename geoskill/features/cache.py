@@ -1,4 +1,4 @@
-"""Extracted features on disk, found again by the frame's content and the pipeline's identity."""
+"""Extracted features on disk, found by the content of the frame and the identity of the pipeline."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -11,16 +11,16 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.disk_cache import DiskCache
 
-# Raise it when the meaning of what an extractor returns changes without its settings changing.
-FORMAT = 2
+# Raise it when the file format, or what an extractor returns for the same settings, changes.
+FORMAT = 3
 
 
 @final
 class FeatureCache:
-    """The features of one frame by one pipeline are one entry of a store.
+    """A cache of feature sets; the features of one frame by one pipeline are one entry.
 
     Args:
-        store: where they are kept.
+        store: keeps the entries.
     """
 
     def __init__(self, store: DiskCache) -> None:
@@ -29,7 +29,7 @@ class FeatureCache:
     def get_or_compute(
         self, frame: UInt8[np.ndarray, "height width 3"], identity: str, compute: Callable[[], FeatureSet]
     ) -> FeatureSet:
-        """The stored features of this frame under this identity, or those of ``compute``, which are then stored."""
+        """Return the features stored for a frame and an identity; if there are none, compute and store them."""
         digest = hashlib.sha256(f"{FORMAT} {identity} {frame.shape}".encode())
         digest.update(np.ascontiguousarray(frame).data)
         return self._store.get_or_compute(digest.hexdigest(), compute, _pack, _unpack)
@@ -40,9 +40,9 @@ def _pack(features: FeatureSet) -> Mapping[str, np.ndarray]:
         "node_type": np.array(str(features.node_type)),
         "descriptors": features.descriptors,
         "geometry": features.geometry,
-        "strength": features.strength,
+        "scores": features.scores,
     }
 
 
 def _unpack(stored: Mapping[str, np.ndarray]) -> FeatureSet:
-    return FeatureSet(NodeType(str(stored["node_type"])), stored["descriptors"], stored["geometry"], stored["strength"])
+    return FeatureSet(NodeType(str(stored["node_type"])), stored["descriptors"], stored["geometry"], stored["scores"])

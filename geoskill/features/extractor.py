@@ -1,4 +1,4 @@
-"""What every detector with its descriptor offers."""
+"""The interface of feature extractors: a detector with its descriptor."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -11,26 +11,29 @@ from geoskill.geometry.primitives import NodeType
 
 
 class FeatureExtractor(ABC):
-    """Detects features in a gray picture and describes each one.
+    """A detector and descriptor of features in gray pictures.
 
-    A subclass is final, takes only plain keyword arguments (numbers, strings, booleans: they identify it in the cache
-    and in a checkpoint) and keeps them as attributes of the same names.
+    A subclass is final. Its constructor takes plain keyword arguments only (numbers, strings, booleans), since they
+    identify it in the cache and in a checkpoint, and keeps them as attributes of the same names.
     """
 
     name: ClassVar[str]
+    """The extractor's name on the command line and in checkpoints; the name of its file."""
+
     node_type: ClassVar[NodeType]
     descriptor_dim: ClassVar[int]
-    has_arms: ClassVar[bool] = False
-    """Whether its features say how far and in which direction they look (:attr:`FeatureSet.arms`)."""
+    has_orientation: ClassVar[bool] = False
+    """Whether its feature sets have :attr:`FeatureSet.orientation_px`."""
 
     patch_side: ClassVar[int | None] = None
-    """Of descriptors that are square patches of pixels, row by row, the side; None for all others."""
+    """Side of the descriptor if it is a square patch of pixels, row by row; otherwise None."""
 
     @abstractmethod
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
-        """The features of a picture, strongest first, in pixels of that picture, descriptors of unit norm.
+        """Return the features of a picture, highest score first, in its pixels, with descriptors of unit norm.
 
         Args:
             image: gray.
-            limit: how many are used, the strongest ones; those beyond may be left out undescribed. None for all.
+            limit: number of features needed, those with the highest scores; others may be left out without being
+                described. None for all.
         """

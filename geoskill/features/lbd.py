@@ -15,14 +15,14 @@ from geoskill.geometry.primitives import NodeType
 
 @final
 class Lbd(FeatureExtractor):
-    """Segments of the Line Segment Detector, each described by its surroundings; the strength is the length in pixels.
+    """Segments of the Line Segment Detector with Line Band Descriptors; the score is its length in pixels.
 
     Args:
         min_length_ratio: shortest segment, as a fraction of the picture's diagonal, in [0, 1).
-        band_width: width in pixels of each of the nine bands, odd; the paper's is 7.
+        band_width: width of each of the nine bands in pixels, odd; 7 in the paper.
 
     Raises:
-        InputError: when either number is out of range, or OpenCV lacks the detector (see :func:`detect_segments`).
+        InputError: when an argument is out of range, or OpenCV lacks the detector (see :func:`detect_segments`).
     """
 
     name: ClassVar[str] = "lbd"
@@ -40,9 +40,9 @@ class Lbd(FeatureExtractor):
         self.band_width = band_width
 
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
-        """The segments of a picture that are long enough, the longest first; none in a picture without edges."""
-        segments, strength = detect_segments(image, self.min_length_ratio * float(np.hypot(*image.shape)))
-        segments, strength = segments[:limit], strength[:limit]
+        """Return the segments of a picture that are long enough, longest first; none without edges."""
+        segments, lengths = detect_segments(image, self.min_length_ratio * float(np.hypot(*image.shape)))
+        segments, lengths = segments[:limit], lengths[:limit]
         if len(segments) == 0:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
-        return FeatureSet(self.node_type, describe(image, segments, self.band_width), segments, strength)
+        return FeatureSet(self.node_type, describe(image, segments, self.band_width), segments, lengths)

@@ -11,53 +11,54 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.geometry.primitives import NodeType
 
-# A keypoint's diameter is that of the disk whose pixels are compared.
-REACH = 0.5
+# In diameters: a keypoint's diameter is that of the disk whose pixels are compared.
+SUPPORT_RADIUS = 0.5
 
 
 @final
 class Orb(FeatureExtractor):
-    """OpenCV's ORB; its 256 bits become ±1/sqrt(256), so that a dot product is 1 - 2/256 of the Hamming distance.
+    """OpenCV's ORB, its 256 bits as ±1/sqrt(256), so that a dot product is 1 - 2/256 of the Hamming distance.
 
-    A picture whose shorter side has fewer than 63 pixels has no keypoint: the detector leaves out a border of 31.
+    A picture whose shorter side has fewer than 63 pixels has no keypoint, because the detector leaves out a border of
+    31 pixels.
 
     Args:
-        candidates: keypoints asked of the detector before the pipeline keeps the strongest.
-        fast_threshold: the corner detector's threshold in gray levels.
+        candidates: number of keypoints requested from the detector, before the pipeline keeps the strongest.
+        fast_threshold: threshold of the corner detector, in gray levels.
     """
 
     name: ClassVar[str] = "orb"
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 256
-    has_arms: ClassVar[bool] = True
+    has_orientation: ClassVar[bool] = True
 
-    def __init__(self, candidates: int = 2000, fast_threshold: int = 10) -> None:
+    def __init__(self, *, candidates: int = 2000, fast_threshold: int = 10) -> None:
         self.candidates = candidates
         self.fast_threshold = fast_threshold
 
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
-        """See :meth:`FeatureExtractor.extract`."""
+        """Return the keypoints of a picture, highest score first; see :meth:`FeatureExtractor.extract`."""
         detector = cv2.ORB.create(nfeatures=self.candidates, fastThreshold=self.fast_threshold)
-        # Below this size there is no keypoint, and on pictures of a few pixels OpenCV's pyramid breaks.
+        # Smaller pictures have no keypoint, and OpenCV's pyramid fails on pictures of a few pixels.
         if min(image.shape) <= 2 * detector.getEdgeThreshold():
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
-        found, packed = detector.detectAndCompute(image, None)
-        if not found:
+        detected, packed = detector.detectAndCompute(image, None)
+        if not detected:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
         factor = detector.getScaleFactor()
         height, width = image.shape
-        placed = [_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(found)]
-        keypoints = distinct_keypoints(placed, limit)
+        corrected = [_in_image_pixels(k, row, (height, width), factor) for row, k in enumerate(detected)]
+        keypoints = distinct_keypoints(corrected, limit)
         bits = np.unpackbits(np.asarray(packed, np.uint8)[[k.class_id for k in keypoints]], axis=1)
         descriptors = (2 * bits.astype(np.float32) - 1) / np.sqrt(np.float32(bits.shape[1]))
-        return keypoint_features(keypoints, descriptors, REACH)
+        return keypoint_features(keypoints, descriptors, SUPPORT_RADIUS)
 
 
 def _in_image_pixels(keypoint: cv2.KeyPoint, row: int, shape: tuple[int, int], scale_factor: float) -> cv2.KeyPoint:
-    """The keypoint where it lies in the picture; its ``class_id`` is the row of its descriptor.
+    """Return the keypoint at its true position in the picture; its ``class_id`` becomes the row of its descriptor.
 
-    OpenCV multiplies a pixel of a pyramid level by the nominal scale. That ignores that pixel centers move when a
-    picture is resized, and that a level has a whole number of pixels: up to 2 px too far to the left and up.
+    OpenCV multiplies the position in a pyramid level by the nominal scale. That ignores that a resize moves pixel
+    centers and that a level has a whole number of pixels: up to 2 px too far to the left and up.
     """
     scale = scale_factor**keypoint.octave
     x, y = (

@@ -1,4 +1,4 @@
-"""From a frame to its features: enlarge, extract, keep the strongest, return to the frame's pixels."""
+"""The feature pipeline: enlarge the frame, extract, keep the highest scores, convert back to the frame's pixels."""
 
 from typing import final
 
@@ -17,16 +17,16 @@ from geoskill.plugins import code_identity
 
 @final
 class FeaturePipeline:
-    """An extractor with what every extractor needs around it.
+    """An extractor with the processing that all extractors share.
 
     Args:
-        extractor: finds and describes features.
-        max_features: how many features of a frame are kept, strongest first.
-        min_side: pictures whose shorter side has fewer pixels are enlarged to it before extraction (0: never), since
-            detectors miss the small structures of small pictures. Coordinates always come back in the frame's pixels.
-        color: the norm of a vivid feature's colors (:mod:`geoskill.features.color`) over that of its descriptor,
-            about; 0 for descriptors of gray alone, as those of extractors that do not say where a feature looks.
-        cache: where extracted features are kept between runs, or None.
+        extractor: detects and describes features.
+        max_features: number of features kept per frame, those with the highest scores.
+        min_side: pictures whose shorter side has fewer pixels are enlarged to this before extraction (0: never), since
+            detectors miss small structures in small pictures. Coordinates are always returned in the frame's pixels.
+        color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
+            its descriptor; 0 for no colors. Extractors without orientation have none.
+        cache: keeps extracted features between runs; None for no cache.
 
     Raises:
         InputError: when ``max_features``, ``min_side`` or ``color`` is out of range.
@@ -42,37 +42,37 @@ class FeaturePipeline:
         cache: FeatureCache | None = None,
     ) -> None:
         if max_features < 2:
-            raise InputError(f"features.max_features={max_features}: expected at least 2")
+            raise InputError(f"max_features={max_features}: expected at least 2")
         if min_side < 0:
-            raise InputError(f"features.min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
+            raise InputError(f"min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
         if color < 0:
-            raise InputError(f"features.color={color}: expected 0 (none) or more")
+            raise InputError(f"color={color}: expected 0 (none) or more")
         self.extractor = extractor
         self.max_features = max_features
         self.min_side = min_side
-        self.color = color if extractor.has_arms else 0.0
+        self.color = color if extractor.has_orientation else 0.0
         self.cache = cache
 
     @property
     def descriptor_dim(self) -> int:
-        """Of the features that it extracts."""
+        """Return the number of components of a descriptor, colors included."""
         return self.extractor.descriptor_dim + (COLOR_DIM if self.color > 0 else 0)
 
     @property
     def patch_side(self) -> int | None:
-        """Of the patch with which a descriptor begins, if it does."""
+        """Return the side of the square patch of pixels with which a descriptor begins, or None."""
         return self.extractor.patch_side
 
     @property
     def identity(self) -> str:
-        """Everything besides the frame that the features depend on, as text."""
-        kind = type(self.extractor)
-        settings = sorted(vars(self.extractor).items())
-        own = f"{self.max_features} {self.min_side} {self.color}"
-        return f"{kind.__module__}.{kind.__qualname__}{settings} {own} {cv2.__version__}"
+        """Return everything besides the frame that the features depend on, as text."""
+        extractor_class = type(self.extractor)
+        arguments = sorted(vars(self.extractor).items())
+        settings = f"{self.max_features} {self.min_side} {self.color}"
+        return f"{extractor_class.__module__}.{extractor_class.__qualname__}{arguments} {settings} {cv2.__version__}"
 
     def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
-        """At most ``max_features`` features of an RGB frame, strongest first, in pixels of the frame."""
+        """Return at most ``max_features`` features of an RGB frame, highest score first, in pixels of the frame."""
         if self.cache is None:
             return self._extract(frame)
         identity = self.identity + code_identity(type(self.extractor))
@@ -85,15 +85,16 @@ class FeaturePipeline:
         if factor > 1.0:
             size = (round(width * factor), round(height * factor))
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
-        found = self.extractor.extract(np.asarray(gray, np.uint8), self.max_features)
-        # Not a slice, which would keep all that was found in memory as long as the few.
-        found = found.take(np.arange(min(len(found), self.max_features)))
+        features = self.extractor.extract(np.asarray(gray, np.uint8), self.max_features)
+        # Not a slice, which would keep the arrays of all detected features in memory.
+        features = features.take(np.arange(min(len(features), self.max_features)))
         ratios = width / gray.shape[1], height / gray.shape[0]
-        geometry = rescale_points(found.geometry, *ratios).astype(np.float32)
-        descriptors = found.descriptors
+        geometry = rescale_points(features.geometry, *ratios).astype(np.float32)
+        descriptors = features.descriptors
         if self.color > 0:
-            assert found.arms is not None
-            colors = self.color * colors_around(frame, geometry, found.arms * np.array(ratios, np.float32))
+            assert features.orientation_px is not None
+            orientation_px = features.orientation_px * np.array(ratios, np.float32)
+            colors = self.color * colors_around(frame, geometry, orientation_px)
             descriptors = np.concatenate([descriptors, colors], axis=1)
             descriptors = descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True)
-        return FeatureSet(found.node_type, descriptors, geometry, found.strength)
+        return FeatureSet(features.node_type, descriptors, geometry, features.scores)

@@ -11,8 +11,8 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.keypoints import distinct_keypoints, keypoint_features
 from geoskill.geometry.primitives import NodeType
 
-# OpenCV describes four by four cells, each one and a half diameters wide.
-REACH = 3.0
+# In diameters: OpenCV describes 4 x 4 cells, each one and a half diameters wide.
+SUPPORT_RADIUS = 3.0
 
 
 @final
@@ -28,37 +28,37 @@ class Sift(FeatureExtractor):
     name: ClassVar[str] = "sift"
     node_type: ClassVar[NodeType] = NodeType.POINT
     descriptor_dim: ClassVar[int] = 128
-    has_arms: ClassVar[bool] = True
+    has_orientation: ClassVar[bool] = True
 
-    def __init__(self, contrast_threshold: float = 0.01, root: bool = False) -> None:
+    def __init__(self, *, contrast_threshold: float = 0.01, root: bool = False) -> None:
         self.contrast_threshold = contrast_threshold
         self.root = root
 
     def extract(self, image: UInt8[np.ndarray, "height width"], limit: int | None = None) -> FeatureSet:
-        """See :meth:`FeatureExtractor.extract`."""
+        """Return the keypoints of a picture, highest score first; see :meth:`FeatureExtractor.extract`."""
         detector = sift_detector(self.contrast_threshold)
-        found = detector.detect(image, None)
-        keypoints = distinct_keypoints(found, limit)
+        detected = detector.detect(image, None)
+        keypoints = distinct_keypoints(detected, limit)
         if not keypoints:
             return FeatureSet.empty(self.node_type, self.descriptor_dim)
-        # OpenCV starts the pyramid at the finest octave among those that it is to describe, which changes the others'
-        # descriptors by rounding. One more of the finest found makes them the same whatever else is left out.
-        finest = min(found, key=_octave)
+        # OpenCV starts the pyramid at the finest octave of the keypoints to describe, which changes the descriptors by
+        # rounding. One more keypoint, of the finest octave detected, makes them independent of the limit.
+        finest = min(detected, key=_octave)
         _, histograms = detector.compute(image, [*keypoints, finest])
         descriptors = np.asarray(histograms, np.float32)[:-1]
         if self.root:
             descriptors = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-12))
         norms = np.linalg.norm(descriptors, axis=1, keepdims=True)
-        return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12), REACH)
+        return keypoint_features(keypoints, descriptors / np.maximum(norms, 1e-12), SUPPORT_RADIUS)
 
 
 def sift_detector(contrast_threshold: float) -> cv2.SIFT:
-    """OpenCV's detector, whose positions are those of the pixels."""
+    """Return OpenCV's detector, set to report positions in the picture's pixels."""
     # Without the precise upscale every position is a quarter of a pixel too far to the right and down.
     return cv2.SIFT.create(contrastThreshold=contrast_threshold, enable_precise_upscale=True)
 
 
 def _octave(keypoint: cv2.KeyPoint) -> int:
-    """Of the pyramid: -1 for the picture at twice its size. OpenCV packs it into the lowest byte."""
+    """Return the octave of the pyramid, -1 being the picture at twice its size; OpenCV packs it into the low byte."""
     byte = keypoint.octave & 0xFF
     return byte - 256 if byte > 127 else byte

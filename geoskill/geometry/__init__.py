@@ -1,1 +1,1 @@
-"""Points, lines and their control errors as pure functions on tensors."""
+"""Pure functions on points, lines, cameras and poses."""

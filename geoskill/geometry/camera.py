@@ -11,7 +11,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float64
 
-from geoskill.geometry.poses import Pose, Rotation, Vector, inverse, transform
+from geoskill.geometry.poses import Pose, RotationMatrix, Vector, inverse, transform
 
 
 @final
@@ -84,7 +84,7 @@ def look_at(position: Vector, target: Vector, roll_rad: float = 0.0) -> Pose:
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     cosine, sine = math.cos(roll_rad), math.sin(roll_rad)
-    rotation: Rotation = np.column_stack([cosine * right + sine * down, cosine * down - sine * right, forward])
+    rotation: RotationMatrix = np.column_stack([cosine * right + sine * down, cosine * down - sine * right, forward])
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, position
     return matrix

@@ -1,9 +1,9 @@
-"""Control errors of pairs of image primitives: zero exactly where the constraint holds.
+"""Control errors of pairs of image primitives: zero exactly where the geometric constraint holds.
 
 Points are ``[m, 2]`` and segments ``[m, 4]`` in pixels (x right, y down). A segment stands for its carrier line. A
-degenerate segment (coinciding end points) has none, and never counts as satisfying a constraint on a line: it is
-treated as the point that it is, and each function says how. Everything is finite in value and gradient.
-Source: METHOD, "Control errors"; Jin et al., ICRA 2020, section III-A.
+degenerate segment (coinciding end points) has no carrier line and never satisfies a constraint on a line: it is treated
+as a point, as stated in each function. All values and gradients are finite.
+Source: docs/method.md, Control errors; Jin et al., ICRA 2020, section III-A.
 """
 
 import torch
@@ -14,7 +14,7 @@ from geoskill.geometry.segments import direction, is_degenerate, midpoint, rever
 
 
 def error_norm(errors: Float[Tensor, "m d"]) -> Float[Tensor, " m"]:
-    """Euclidean norm of each control error, in the error's own unit; its gradient at a zero error is zero.
+    """Return the Euclidean norm of each control error, in the unit of the error; its gradient at zero is zero.
 
     >>> error_norm(torch.tensor([[3.0, -4.0], [0.0, 0.0]]))
     tensor([5., 0.])
@@ -24,7 +24,9 @@ def error_norm(errors: Float[Tensor, "m d"]) -> Float[Tensor, " m"]:
 
 
 def point_to_point(x: Float[Tensor, "m 2"], y: Float[Tensor, "m 2"]) -> Float[Tensor, "m 2"]:
-    """Coincidence of two points: x - y in pixels, zero exactly when they coincide; swapping them flips the sign.
+    """Return the error of coincidence, x - y in pixels: zero exactly when the points coincide.
+
+    Swapping the points flips the sign.
 
     >>> point_to_point(torch.tensor([[101.5, 66.0]]), torch.tensor([[75.5, 141.0]]))
     tensor([[ 26., -75.]])
@@ -33,48 +35,48 @@ def point_to_point(x: Float[Tensor, "m 2"], y: Float[Tensor, "m 2"]) -> Float[Te
 
 
 def point_to_line(x: Float[Tensor, "m 2"], segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 1"]:
-    """A point on a line: signed distance in pixels of x to the segment's carrier line.
+    """Return the signed distance in pixels of x to the segment's carrier line.
 
-    Equal to lᵀx / (x₃ norm(l₁₂)) for the homogeneous line l and point x, so invariant to their scale but for the sign
-    of l. Positive to the right of the walk from the first end point to the second as seen on the screen; exchanging
-    the end points flips the sign. Zero exactly when x is on the carrier, also beyond the segment's ends.
-    Degenerate segment: the distance from x to that point, not negative.
+    Equal to lᵀx / (x₃ norm(l₁₂)) for the homogeneous line l and point x, so invariant to their scale except for the
+    sign of l. Positive to the right of the direction from the first end point to the second, as seen on the screen;
+    exchanging the end points flips the sign. Zero exactly when x is on the carrier, also beyond the segment's ends.
+    Degenerate segment: the (non-negative) distance from x to that point.
 
     >>> segment = torch.tensor([[0.0, 3.0, 5.0, 3.0]])
     >>> point_to_line(torch.tensor([[9.0, 7.0]]), segment), point_to_line(torch.tensor([[9.0, 1.0]]), segment)
     (tensor([[4.]]), tensor([[-2.]]))
     """
-    # Offsets instead of lᵀx: the products of absolute coordinates would cost float32 three digits.
+    # Not lᵀx: products of absolute coordinates would cost float32 three digits.
     offset = x - segment[:, :2]
     signed = _cross(direction(segment), offset)
     return torch.where(is_degenerate(segment), error_norm(offset), signed)[:, None]
 
 
 def line_to_line(first: Float[Tensor, "m 4"], second: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
-    """Collinearity of two lines: two signed distances in pixels, zero exactly when the segments share one carrier.
+    """Return the error of collinearity: two signed distances in pixels, zero exactly when both share one carrier.
 
-    With the second segment turned so that it does not point against the first, let e_k be the distance of its k-th
-    end point to the first carrier (:func:`point_to_line`) and f_k that of the first segment's k-th end point to the
-    second carrier. Seen from each other, parallel lines lie on opposite sides, so the symmetric mean is
+    The second segment is first turned so that it does not point against the first. Let e_k be the distance of its k-th
+    end point to the first carrier (:func:`point_to_line`), and f_k the distance of the first segment's k-th end point
+    to the second carrier. Parallel lines lie on opposite sides of each other, so the symmetric mean is
 
         E_k = (e_k - f_k) / 2.
 
-    A plain mean (e_k + f_k) / 2 would vanish on all parallel lines of the same direction. E alone would be
-    discontinuous where the angle passes 90° and the second segment turns round: its length jumps there. Hence
+    The plain mean (e_k + f_k) / 2 would vanish on all parallel lines of the same direction. E alone would be
+    discontinuous: its length jumps where the angle passes 90° and the second segment is turned. The error is therefore
 
-        E · sqrt(norm(E)² + sin²(angle) norm(D)²) / norm(E),    D_k = (e_k + f_k) / 2,
+        E · sqrt(norm(E)² + sin²(angle) norm(D)²) / norm(E),    D_k = (e_k + f_k) / 2.
 
-    whose norm is the root of (norm(e)² + norm(f)²) / 2 at 90°, whichever way the second one is turned, and which
-    agrees with E to third order near collinearity, so the image Jacobian there is that of E.
+    At 90° its norm is the root of (norm(e)² + norm(f)²) / 2, whichever direction the second segment has. Near
+    collinearity it agrees with E to third order, so the image Jacobian there is the one of E.
 
-    Norm: continuous; unchanged by swapping the lines and by the order of either one's end points. Parallel lines at
-    distance h: (±h, ±h), positive when the second is to the right of the first. The vector itself: exchanging the
-    second's end points changes nothing; exchanging the first's turns (E₁, E₂) into (-E₂, -E₁); swapping the lines
-    turns it into (-E₁, -E₂) when the given segments form an angle below 90°, else into (E₂, E₁). At exactly 90°
-    the way the second one is given decides, and only the norm is independent of it.
-    Degenerate segment, either or both: both components are the distance of the midpoints.
+    The norm is continuous, and unchanged by swapping the lines or exchanging the end points of either. For parallel
+    lines at distance h the error is (±h, ±h), positive when the second is to the right of the first. Exchanging the end
+    points of the second leaves the vector unchanged; exchanging those of the first turns (E₁, E₂) into (-E₂, -E₁).
+    Swapping the lines turns it into (-E₁, -E₂) when the given segments form an angle below 90°, else into (E₂, E₁). At
+    exactly 90° the vector depends on the order of the second's end points; the norm does not.
+    Degenerate segment, either or both: both components are the distance between the midpoints.
 
-    Two parallel lines 4 px apart, the second drawn backwards, and two that cross at 90°, 10 px long, at their middles:
+    Two parallel lines 4 px apart, the second drawn backwards; then two lines, 10 px long, that cross at 90°:
 
     >>> line_to_line(torch.tensor([[0.0, 0.0, 10.0, 0.0]]), torch.tensor([[30.0, 4.0, 20.0, 4.0]]))
     tensor([[4., 4.]])
@@ -100,11 +102,11 @@ def line_to_line(first: Float[Tensor, "m 4"], second: Float[Tensor, "m 4"]) -> F
 
 
 def parallel(first: Float[Tensor, "m 4"], second: Float[Tensor, "m 4"]) -> Float[Tensor, "m 1"]:
-    """Parallelism in the image: the sine, without unit, of the angle from the first segment to the second.
+    """Return the error of parallelism in the image: the sine (no unit) of the angle from the first to the second.
 
-    Equal to (l₁m₂ - l₂m₁) / (norm(l₁₂) norm(m₁₂)) for the homogeneous lines l and m. Positive when the second is
-    turned clockwise as seen on the screen by less than 180°. Swapping the lines, or exchanging the end points of one,
-    flips the sign. Zero exactly for parallel and antiparallel segments.
+    Equal to (l₁m₂ - l₂m₁) / (norm(l₁₂) norm(m₁₂)) for the homogeneous lines l and m. Positive when the second is turned
+    clockwise, as seen on the screen, by less than 180°. Swapping the lines, or exchanging the end points of one, flips
+    the sign. Zero exactly for parallel and antiparallel segments.
     Degenerate segment: 1, the largest error, since it has no direction.
 
     >>> parallel(torch.tensor([[0.0, 0.0, 2.0, 0.0]]), torch.tensor([[5.0, 5.0, 8.0, 9.0]]))

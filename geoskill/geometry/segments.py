@@ -1,11 +1,12 @@
-"""Length, direction and midpoint of segments ``[x1, y1, x2, y2]``, which stand for the lines that carry them.
+"""Length, direction, midpoint and distance of segments ``[x1, y1, x2, y2]``, which stand for their carrier lines.
 
-A segment has no carrier line when its end points coincide. Every function here stays finite in value and gradient
-then, and says what it returns; shorter than :data:`DEGENERATE_LENGTH_PX` counts as coincident.
+A segment shorter than :data:`DEGENERATE_LENGTH_PX` is degenerate: its end points count as coincident, and it has no
+carrier line. Every function stays finite in value and gradient on such segments, and states what it returns.
 """
 
 from typing import Final
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -15,7 +16,7 @@ DEGENERATE_LENGTH_PX: Final = 1e-6
 
 
 def length(segment: Float[Tensor, "m 4"]) -> Float[Tensor, " m"]:
-    """Distance of the end points in pixels; 0 with a zero gradient where they coincide.
+    """Return the distance between the end points in pixels; 0 with a zero gradient where they coincide.
 
     >>> length(torch.tensor([[1.0, 1.0, 4.0, 5.0]]))
     tensor([5.])
@@ -25,12 +26,12 @@ def length(segment: Float[Tensor, "m 4"]) -> Float[Tensor, " m"]:
 
 
 def is_degenerate(segment: Float[Tensor, "m 4"]) -> Bool[Tensor, " m"]:
-    """Whether the end points coincide, so that no carrier line exists."""
+    """Return whether the end points coincide, so that no carrier line exists."""
     return length(segment) < DEGENERATE_LENGTH_PX
 
 
 def midpoint(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
-    """The point halfway between the end points, in pixels.
+    """Return the point halfway between the end points, in pixels.
 
     >>> midpoint(torch.tensor([[1.0, 1.0, 4.0, 5.0]]))
     tensor([[2.5000, 3.0000]])
@@ -39,12 +40,14 @@ def midpoint(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
 
 
 def reversed_ends(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 4"]:
-    """The same segments with their end points exchanged."""
+    """Return the segments with their end points exchanged."""
     return torch.cat([segment[:, 2:], segment[:, :2]], dim=1)
 
 
 def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
-    """Unit vector from the first end point to the second; (0, 0) with a zero gradient for a degenerate segment.
+    """Return the unit vector from the first end point to the second.
+
+    A degenerate segment has (0, 0), with a zero gradient.
 
     >>> direction(torch.tensor([[1.0, 1.0, 4.0, 5.0], [7.0, 7.0, 7.0, 7.0]]))
     tensor([[0.6000, 0.8000],
@@ -52,6 +55,27 @@ def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
     """
     vector = segment[:, 2:] - segment[:, :2]
     degenerate = is_degenerate(segment)[:, None]
-    # The divisor is replaced before dividing: masking the quotient afterward would leave NaN in its gradient.
+    # Replaced before the division: masking the quotient would leave NaN in its gradient.
     divisor = torch.where(degenerate, 1.0, length(segment)[:, None])
     return torch.where(degenerate, 0.0, vector / divisor)
+
+
+def distance_to_segment(
+    points: Float[np.ndarray, "*#batch 2"], segments: Float[np.ndarray, "*#batch 4"]
+) -> Float[np.ndarray, "..."]:
+    """Return the distance in pixels from points to segments (NumPy), not to their carrier lines.
+
+    Args:
+        points: x and y; broadcast against ``segments``.
+        segments: a degenerate segment is the point that its end points share.
+
+    >>> distance_to_segment(np.array([[9.0, 4.0], [5.0, 4.0]]), np.array([[0.0, 0.0, 6.0, 0.0]]))
+    array([5., 4.])
+    """
+    start, end = segments[..., :2], segments[..., 2:]
+    along = end - start
+    length_squared = np.maximum((along**2).sum(axis=-1), 1e-12)
+    fraction = np.minimum(np.maximum(((points - start) * along).sum(axis=-1) / length_squared, 0.0), 1.0)
+    offset = points - (start + fraction[..., None] * along)
+    distance: np.ndarray = np.sqrt((offset**2).sum(axis=-1))
+    return distance

@@ -1,6 +1,6 @@
 """Transforms of image coordinates.
 
-Pixel coordinates have the center of the top left pixel at (0, 0): that pixel covers -0.5 to 0.5.
+The center of the top left pixel is (0, 0): that pixel covers -0.5 to 0.5.
 """
 
 import numpy as np
@@ -10,20 +10,20 @@ from jaxtyping import Float
 def rescale_points(
     coordinates: Float[np.ndarray, "n coordinates"], factor_x: float, factor_y: float
 ) -> Float[np.ndarray, "n coordinates"]:
-    """Where points ``[n, 2]`` or segments ``[n, 4]`` of a picture lie in its resized version, in pixels of that.
+    """Convert points ``[n, 2]`` or segments ``[n, 4]`` of a picture to pixels of its resized version.
 
-    Pixel edges, not pixel centers, are what a resize keeps in place, as in ``cv2.resize``:
-    x' = (x + 0.5) · factor - 0.5. The way back is the same function with the inverse factors.
+    A resize keeps pixel edges, not pixel centers, in place, as ``cv2.resize`` does: x' = (x + 0.5) · factor - 0.5.
+    The inverse is the same function with the inverse factors.
 
     Args:
-        coordinates: x, y in turn.
-        factor_x: width of the resized picture divided by that of the given one.
-        factor_y: likewise the heights.
+        coordinates: x and y in turn.
+        factor_x: width of the resized picture divided by the original width.
+        factor_y: height of the resized picture divided by the original height.
 
     Raises:
-        ValueError: a factor is not positive and finite, or a row has neither 2 nor 4 numbers.
+        ValueError: when a factor is not positive and finite, or a row has neither 2 nor 4 numbers.
 
-    The middle of a 4-pixel row stays the middle when the picture is doubled (1.5 → 3.5):
+    The middle of a row of 4 pixels stays in the middle when the picture is doubled (1.5 → 3.5):
 
     >>> rescale_points(np.array([[1.5, 0.0]]), 2.0, 2.0)
     array([[3.5, 0.5]])

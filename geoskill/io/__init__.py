@@ -1,1 +1,1 @@
-"""Frames from files and cameras, and files that are written whole."""
+"""Frames from videos, folders and cameras; prefetching, atomic files and the disk cache."""

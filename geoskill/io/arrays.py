@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.errors import InputError
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, checked_frame_rate
+from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, validate_frame_rate
 
 
 @final
@@ -31,18 +31,16 @@ class ArrayFrames(FrameSource):
     ) -> None:
         if len(pictures) == 0:
             raise InputError(f"{name}: no picture; expected a demonstration")
+        first = list(getattr(pictures[0], "shape", ()))
         for number, picture in enumerate(pictures):
-            shape, dtype = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+            shape = list(getattr(picture, "shape", ()))
+            dtype = getattr(picture, "dtype", type(picture).__name__)
             if len(shape) != 3 or shape[2] != 3 or dtype != np.uint8 or 0 in shape:
-                raise InputError(
-                    f"{name}: picture {number} is {dtype} {list(shape)}; expected uint8 [height, width, 3], RGB"
-                )
-            if shape != np.shape(pictures[0]):
-                raise InputError(
-                    f"{name}: picture {number} is {list(shape)}; expected that of the first, {list(np.shape(pictures[0]))}"
-                )
+                raise InputError(f"{name}: picture {number} is {dtype} {shape}; expected uint8 [height, width, 3], RGB")
+            if shape != first:
+                raise InputError(f"{name}: picture {number} is {shape}; expected that of the first, {first}")
         self._pictures = pictures
-        self._frame_rate = checked_frame_rate(frame_rate)
+        self._frame_rate = validate_frame_rate(frame_rate)
         self._name = name
 
     @property

@@ -1,16 +1,27 @@
-"""Files that are there whole or not at all: an older one stays when writing fails."""
+"""Atomic writing: a file appears under its name only when complete; if writing fails, an older file stays as it was."""
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Literal
 
+_MARK = ".part"
+
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Another path to write to; what is there takes its place when the block ends without an error."""
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    """Yield a temporary path beside ``path`` that replaces it when the block ends without an error.
+
+    The temporary file is hidden and keeps the suffix of ``path``. It is removed if the block raises.
+
+    Raises:
+        FileNotFoundError: when the block wrote no file.
+    """
+    # Unique among processes and threads that write the same file at the same time.
+    writer = f"{os.getpid()}-{threading.get_ident()}"
+    temporary = path.with_name(f".{path.stem}.{writer}{_MARK}{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, path)
@@ -20,9 +31,14 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_open(path: Path, mode: Literal["w", "wb"] = "w", newline: str | None = None) -> Iterator[IO[Any]]:
-    """The same as an open file; text is UTF-8."""
+    """Yield a file opened for writing (text as UTF-8) that replaces ``path`` when the block ends without an error."""
     with (
         atomic_path(path) as temporary,
         temporary.open(mode, encoding=None if mode == "wb" else "utf-8", newline=newline) as file,
     ):
         yield file
+
+
+def is_temporary(path: Path) -> bool:
+    """Return whether a file is named as :func:`atomic_path` names what is not complete yet."""
+    return _MARK in path.suffixes

@@ -1,4 +1,4 @@
-"""Frames from a camera of this machine."""
+"""Frames from a camera of this computer."""
 
 import math
 import time
@@ -8,15 +8,20 @@ from typing import final
 import cv2
 
 from geoskill.errors import InputError
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, checked_frame_rate, quiet_opencv, rgb
+from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, bgr_to_rgb, quiet_opencv, validate_frame_rate
 
 
 @final
 class Camera(FrameSource):
-    """A camera of this machine, by index; endless, or until ``max_frames``.
+    """A camera of this computer; endless unless ``max_frames`` is given.
 
-    Times are those at which the frames arrived. Ctrl-C raises ``KeyboardInterrupt`` from wherever the program is at
-    that moment, so it is for the loop over the frames to catch; the camera is released all the same.
+    Frame times are arrival times. Ctrl-C raises ``KeyboardInterrupt`` wherever the program is at that moment, so the
+    loop over the frames has to catch it; the camera is released in any case.
+
+    Args:
+        index: number of the camera, from 0.
+        frame_rate: nominal frames per second; None for the rate that the driver reports.
+        max_frames: number of frames after which iteration ends; None for no end.
 
     Raises:
         InputError: when the camera cannot be opened.
@@ -25,27 +30,28 @@ class Camera(FrameSource):
     def __init__(self, index: int, frame_rate: float | None = None, max_frames: int | None = None) -> None:
         self._index = index
         self._max_frames = max_frames
-        capture = self._opened()
+        capture = self._open()
         try:
-            stated = capture.get(cv2.CAP_PROP_FPS)
+            reported_rate = capture.get(cv2.CAP_PROP_FPS)
         finally:
             capture.release()
-        # Drivers that do not know their rate say 0, -1 or NaN.
-        stated_rate = stated if stated > 0 and math.isfinite(stated) else DEFAULT_FRAME_RATE
-        self._frame_rate = checked_frame_rate(stated_rate if frame_rate is None else frame_rate)
+        # Drivers that do not know their rate report 0, -1 or NaN.
+        if not (reported_rate > 0 and math.isfinite(reported_rate)):
+            reported_rate = DEFAULT_FRAME_RATE
+        self._frame_rate = validate_frame_rate(reported_rate if frame_rate is None else frame_rate)
 
     @property
     def name(self) -> str:
-        """See :attr:`FrameSource.name`."""
+        """Return the camera's name, such as ``camera 0``."""
         return f"camera {self._index}"
 
     @property
     def frame_rate(self) -> float:
-        """See :attr:`FrameSource.frame_rate`."""
+        """Return the nominal frames per second."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
-        capture = self._opened()
+        capture = self._open()
         try:
             index = 0
             start_s: float | None = None
@@ -55,12 +61,12 @@ class Camera(FrameSource):
                 if not arrived:
                     raise InputError(f"{self.name}: no picture after {index} frames; expected it to stay connected")
                 start_s = now_s if start_s is None else start_s
-                yield Frame(index, now_s - start_s, rgb(image))
+                yield Frame(index, now_s - start_s, bgr_to_rgb(image))
                 index += 1
         finally:
             capture.release()
 
-    def _opened(self) -> cv2.VideoCapture:
+    def _open(self) -> cv2.VideoCapture:
         with quiet_opencv():
             capture = cv2.VideoCapture(self._index)
         if not capture.isOpened():

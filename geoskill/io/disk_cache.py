@@ -1,4 +1,4 @@
-"""Arrays on disk that can be computed again: a cache that several runs share."""
+"""A cache of arrays on disk, shared by several processes."""
 
 import os
 import tempfile
@@ -9,30 +9,43 @@ from pathlib import Path
 from typing import TypeVar, final
 
 import numpy as np
+from platformdirs import user_cache_path
 
 from geoskill.errors import InputError
+from geoskill.io.atomic import atomic_open, is_temporary
 
-# The part of the limit that may be written between two looks at the whole folder, and is kept free for it.
+# Fraction of the limit that may be written between two scans of the folder, and that is therefore kept free.
 SLACK = 0.05
+# After this time a temporary file is taken to be left over from a killed process.
+ABANDONED_AFTER_S = 3600
 
-T = TypeVar("T")
+Value = TypeVar("Value")
 
 
 def default_folder() -> Path:
-    """The user's cache folder, by the XDG base directory rule."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geoskill"
+    """Return the user's cache folder for this package: on Linux in ``XDG_CACHE_HOME`` or ``~/.cache``.
+
+    Without a home folder, a folder for temporary files is used.
+    """
+    # A user of a container may have no home folder: platformdirs raises then, or leaves "~" in older versions.
+    with suppress(RuntimeError):
+        folder = user_cache_path("geoskill", appauthor=False)
+        if folder.parts[0] != "~":
+            return folder
+    return Path(tempfile.gettempdir()) / "geoskill"
 
 
 @final
 class DiskCache:
-    """One file of arrays per key.
+    """A cache with one file of arrays per key.
 
-    A file is written under a temporary name and renamed, so a reader sees a whole file or none; two runs that compute
-    the same thing write the same bytes. What cannot be read or written is computed: the store never fails a run.
+    Files are written atomically, so a reader sees a complete file or none; processes that compute the same value write
+    the same bytes. A value that cannot be read is computed, and one that cannot be written is returned all the same:
+    the cache never fails a run.
 
     Args:
-        folder: where the files lie; made when first needed. None for the user's cache folder.
-        limit_mb: megabytes the folder may hold; above it, the files that were not used for longest go.
+        folder: where the files are kept; created when first needed. None for the user's cache folder.
+        limit_mb: largest size of the folder in megabytes; beyond it, the least recently used files are deleted.
 
     Raises:
         InputError: when ``limit_mb`` is not positive.
@@ -40,52 +53,46 @@ class DiskCache:
 
     def __init__(self, folder: str | Path | None = None, limit_mb: float = 2000.0) -> None:
         if not limit_mb > 0:
-            raise InputError(f"cache.limit_mb={limit_mb}: expected a positive number of megabytes")
+            raise InputError(f"limit_mb={limit_mb}: expected a positive number of megabytes")
         self.folder = Path(folder) if folder else default_folder()
         self.limit_bytes = limit_mb * 1e6
-        # Since the folder was last looked through; at the start as if much, for it may be full of earlier runs' files.
-        self._written = self.limit_bytes
+        # Bytes since the last scan of the folder. It may be full of earlier runs' files, so the first write scans it.
+        self._unscanned_bytes = self.limit_bytes
 
     def get_or_compute(
         self,
         key: str,
-        compute: Callable[[], T],
-        pack: Callable[[T], Mapping[str, np.ndarray]],
-        unpack: Callable[[Mapping[str, np.ndarray]], T],
-    ) -> T:
-        """What is stored under a key, or the result of ``compute``, which is then stored.
+        compute: Callable[[], Value],
+        pack: Callable[[Value], Mapping[str, np.ndarray]],
+        unpack: Callable[[Mapping[str, np.ndarray]], Value],
+    ) -> Value:
+        """Return the value stored under a key; if there is none, compute and store it.
 
         Args:
-            key: a hexadecimal digest of everything that the result depends on.
-            compute: makes the result.
-            pack: turns it into arrays.
-            unpack: turns arrays into it; whatever it raises means that the file is not ours, and computed again.
+            key: a hexadecimal digest of everything that the value depends on.
+            compute: makes the value.
+            pack: turns the value into arrays.
+            unpack: turns arrays into the value. If it raises, the file is taken for another program's, and replaced.
         """
         path = self.folder / key[:2] / f"{key}.npz"
-        found = _read(path, unpack)
-        if found is None:
-            found = compute()
+        value = _read(path, unpack)
+        if value is None:
+            value = compute()
             with suppress(OSError):
-                self._store(path, pack(found))
+                self._store(path, pack(value))
         else:
             with suppress(OSError):  # a folder that cannot be written can still be read
-                os.utime(path)  # marks it as used, for `_evict`
-        return found
+                os.utime(path)  # marks the file as used, for `_evict`
+        return value
 
     def _store(self, path: Path, arrays: Mapping[str, np.ndarray]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                np.savez(file, allow_pickle=False, **arrays)
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-        self._written += path.stat().st_size
-        # Walking the folder at every file would cost more than it saves.
-        if self._written > self.limit_bytes * SLACK:
-            self._written = 0
+        with atomic_open(path, "wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        self._unscanned_bytes += path.stat().st_size
+        # Scanning the folder at every write would cost more than it saves.
+        if self._unscanned_bytes > self.limit_bytes * SLACK:
+            self._unscanned_bytes = 0
             self._evict()
 
     def _evict(self) -> None:
@@ -93,10 +100,11 @@ class DiskCache:
         for path in self.folder.glob("??/*"):
             try:
                 status = path.stat()
-            except FileNotFoundError:  # another run was quicker
+            except FileNotFoundError:  # deleted by another process in the meantime
                 continue
-            if path.suffix == ".part" and time.time() - status.st_mtime > 3600:
-                path.unlink(missing_ok=True)  # left by a run that was killed
+            if is_temporary(path):
+                if time.time() - status.st_mtime > ABANDONED_AFTER_S:
+                    path.unlink(missing_ok=True)
             elif path.suffix == ".npz":
                 files.append((status.st_mtime, status.st_size, path))
         total = sum(size for _, size, _ in files)
@@ -107,10 +115,10 @@ class DiskCache:
             total -= size
 
 
-def _read(path: Path, unpack: Callable[[Mapping[str, np.ndarray]], T]) -> T | None:
+def _read(path: Path, unpack: Callable[[Mapping[str, np.ndarray]], Value]) -> Value | None:
     try:
-        # Opened here, for NumPy leaves broken archives open.
+        # Opened here, because NumPy leaves broken archives open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return unpack(stored)
-    except Exception:  # absent, half a file of a full disk, or not ours: NumPy raises a dozen kinds of errors
+    except Exception:  # missing, truncated, or another program's file: NumPy raises a dozen types of errors
         return None

@@ -1,8 +1,8 @@
-"""What frames are, and what everything that yields them offers.
+"""Frames, and the interface of everything that yields them.
 
-Frames are RGB and come one by one, so a long video need not fit into memory. Every frame of a source has the same
-size. What cannot be read is an :class:`~geoskill.errors.InputError` that names the file and what was expected; a source
-never ends silently where its file breaks off.
+Frames are RGB and are read one at a time, so a long video need not fit into memory. All frames of a source have the
+same size. Unreadable input raises :class:`~geoskill.errors.InputError`, which names the file and what was expected;
+a source never ends silently where its file is truncated.
 """
 
 import contextlib
@@ -38,29 +38,29 @@ class Frame:
 
 
 class FrameSource(ABC):
-    """Yields frames lazily, from the first one each time it is iterated (a camera: from now on)."""
+    """A sequence of frames, read lazily, from the first one at each iteration (a camera: from the present on)."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """What the user called it, for messages and titles."""
+        """Return the name that the user gave the source, for messages and titles."""
 
     @property
     @abstractmethod
     def frame_rate(self) -> float:
-        """Frames per second, nominal."""
+        """Return the nominal frames per second."""
 
     @abstractmethod
     def __iter__(self) -> Iterator[Frame]:
-        """The frames in order of time.
+        """Yield the frames in order of time.
 
         Raises:
-            InputError: where a frame cannot be read, there is none, or its size is not the first one's.
+            InputError: when a frame cannot be read, there is none, or its size differs from the first frame's.
         """
 
 
-def checked_frame_rate(frame_rate: float) -> float:
-    """The frame rate, in frames per second.
+def validate_frame_rate(frame_rate: float) -> float:
+    """Return the frame rate (frames per second) if it is valid.
 
     Raises:
         InputError: when it is not positive and finite.
@@ -70,14 +70,14 @@ def checked_frame_rate(frame_rate: float) -> float:
     return float(frame_rate)
 
 
-def rgb(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"]:
-    """A color picture as OpenCV reads it, with its channels in our order."""
+def bgr_to_rgb(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"]:
+    """Convert a color picture from OpenCV's order of channels to RGB."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 @contextlib.contextmanager
 def quiet_opencv() -> Iterator[None]:
-    """OpenCV prints its own account of what it could not read beside the one message that the user should see."""
+    """Silence OpenCV's log in the block, so that the user sees only our own message about unreadable input."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

@@ -1,15 +1,14 @@
-"""Work on the frames to come while the present one is being used.
+"""Prefetching: process the next frames in threads while the present one is being used.
 
 ::
 
-    read    0  1  2  3  4  .  .          one thread takes the items, one after the other
-    work       0     2                   others work, each on an item of its own
+    read    0  1  2  3  4  .  .          one thread reads the items, one after the other
+    work       0     2                   worker threads process one item each
                   1     3
-    use              0  1  2  3          whoever iterates gets the results in the order of the items
+    use              0  1  2  3          the consumer gets the results in the order of the items
 
-Threads suffice: decoders, OpenCV and PyTorch let go of Python's lock while they compute. OpenCV's own threads, inside
-one frame, gain little beside it: measured on two cores, SIFT of two frames at once takes less than half of the time of
-one after the other, whatever OpenCV does.
+Threads suffice, because decoders, OpenCV and PyTorch release the global interpreter lock while they compute. Frames in
+parallel gain more than OpenCV's own threads within one frame (docs/experiments/speed.md).
 """
 
 from collections import deque
@@ -24,68 +23,68 @@ Result = TypeVar("Result")
 Progress = Callable[[Sequence[int], str], Iterable[int]]
 
 
-class _After(Enum):
-    """What comes after the last item."""
+class _End(Enum):
+    """Marker that follows the last item."""
 
-    LAST = auto()
+    OF_ITEMS = auto()
 
 
 def prefetch_map(
-    work: Callable[[Item], Result], items: Iterable[Item], *, threads: int, ahead: int | None = None
+    work: Callable[[Item], Result], items: Iterable[Item], *, threads: int, max_prefetch: int | None = None
 ) -> Generator[Result, None, None]:
-    """The result of ``work`` for every item, in the order of the items.
+    """Yield the result of ``work`` for every item, in the order of the items.
 
-    What is raised while an item is taken or worked on, ``KeyboardInterrupt`` included, is raised in the place of its
-    result, and is the end. Closing the generator (:func:`contextlib.closing`, for a loop that is left early) waits for
-    what is being worked on, begins nothing more and closes the items' own generator, so that a camera is released.
+    An exception in reading or processing an item (``KeyboardInterrupt`` included) is raised in place of its result and
+    ends the iteration. Closing the generator (by :func:`contextlib.closing`, if a loop may be left early) waits for
+    running work, starts nothing more, and closes the generator behind ``items``, so that a camera is released.
 
     Args:
-        work: is called from several threads at once.
-        items: taken by one thread, one after the other; may be endless.
-        threads: how many items are worked on at once. With one, all is done in the caller's thread, when asked for.
-        ahead: how many items, at most, are taken beyond the one whose result is in use; they wait where whoever
-            iterates is slower than work. None for as many as ``threads``, which keeps all of them busy.
+        work: called from several threads at once.
+        items: read by a single thread, one after the other; may be endless.
+        threads: number of items processed at once. With 1, everything happens in the caller's thread, on demand.
+        max_prefetch: most items read beyond the one whose result is in use; they wait if the consumer is slower than
+            ``work``. None for ``threads``, which keeps all threads busy.
 
     Raises:
-        ValueError: when ``threads`` or ``ahead`` is below 1.
+        ValueError: when ``threads`` or ``max_prefetch`` is below 1.
 
     >>> list(prefetch_map(lambda number: number**2, range(5), threads=2))
     [0, 1, 4, 9, 16]
     """
-    ahead = threads if ahead is None else ahead
-    if min(threads, ahead) < 1:
-        raise ValueError(f"threads={threads}, ahead={ahead}: expected at least 1")
+    max_prefetch = threads if max_prefetch is None else max_prefetch
+    if min(threads, max_prefetch) < 1:
+        raise ValueError(f"threads={threads}, max_prefetch={max_prefetch}: expected at least 1")
     iterator = iter(items)
     try:
-        yield from map(work, iterator) if threads == 1 else _overlapped(work, iterator, threads, ahead)
+        yield from map(work, iterator) if threads == 1 else _overlapped(work, iterator, threads, max_prefetch)
     finally:
         if isinstance(iterator, Generator):
             iterator.close()
 
 
 def _overlapped(
-    work: Callable[[Item], Result], items: Iterator[Item], threads: int, ahead: int
+    work: Callable[[Item], Result], items: Iterator[Item], threads: int, max_prefetch: int
 ) -> Generator[Result, None, None]:
-    reader, workers = ThreadPoolExecutor(1, "read ahead"), ThreadPoolExecutor(threads, "work ahead")
+    reader, workers = ThreadPoolExecutor(1, "prefetch read"), ThreadPoolExecutor(threads, "prefetch work")
 
-    def finish(reading: Future[Item | _After]) -> Result | _After:
+    def process(reading: Future[Item | _End]) -> Result | _End:
         item = reading.result()
-        return item if isinstance(item, _After) else work(item)
+        return item if isinstance(item, _End) else work(item)
 
-    def begin() -> Future[Result | _After]:
-        return workers.submit(finish, reader.submit(next, items, _After.LAST))
+    def submit() -> Future[Result | _End]:
+        return workers.submit(process, reader.submit(next, items, _End.OF_ITEMS))
 
-    begun: deque[Future[Result | _After]] = deque()
+    pending: deque[Future[Result | _End]] = deque()
     try:
         while True:
-            while len(begun) <= ahead:
-                begun.append(begin())
-            result = begun.popleft().result()
-            if isinstance(result, _After):
+            while len(pending) <= max_prefetch:
+                pending.append(submit())
+            result = pending.popleft().result()
+            if isinstance(result, _End):
                 return
             yield result
     finally:
-        # The reader first: whoever waits for what it will not read any more goes on, and ends.
+        # The reader first: a worker that waits for a canceled read then ends.
         for pool in (reader, workers):
             pool.shutdown(cancel_futures=True)
 
@@ -99,15 +98,18 @@ def parallel_map(
     progress: Progress,
     description: str,
 ) -> list[Result]:
-    """The results of :func:`prefetch_map`, with progress.
+    """Return the results of :func:`prefetch_map` as a list, and show progress.
 
     Args:
-        work: as there.
-        items: as there; as many as there are ``numbers``.
-        numbers: what progress is shown over.
-        threads: as there.
-        progress: shows progress over a sequence.
-        description: what is being done.
+        work: called from several threads at once.
+        items: read by a single thread; one for each of ``numbers``.
+        numbers: the sequence over which progress is shown, such as frame numbers.
+        threads: number of items processed at once.
+        progress: wraps a sequence and shows the progress of iterating over it.
+        description: what is being done, for the progress display.
+
+    Raises:
+        ValueError: when ``threads`` is below 1, or ``items`` and ``numbers`` differ in length.
     """
     with closing(prefetch_map(work, items, threads=threads)) as results:
         return [result for _, result in zip(progress(numbers, description), results, strict=True)]

@@ -1,4 +1,4 @@
-"""From what the user names to the frames it stands for."""
+"""Opening of frame sources by the name that the user gives."""
 
 import re
 from pathlib import Path
@@ -10,10 +10,12 @@ from geoskill.io.video import VIDEO_TYPES, ImageFolder, VideoFile
 
 
 def open_frames(source: str | Path | int, frame_rate: float | None = None) -> FrameSource:
-    """The source that a path or a camera's index names; a string of digits that is no existing path is a camera.
+    """Open a video, a folder of images, or a camera by its index.
+
+    A string of digits is a camera's index unless a file or folder of that name exists.
 
     Raises:
-        InputError: when there is no such source, or it is none that can be read.
+        InputError: when there is no such source, or it cannot be read.
     """
     if isinstance(source, int):
         return Camera(source, frame_rate)
@@ -30,7 +32,7 @@ def open_frames(source: str | Path | int, frame_rate: float | None = None) -> Fr
 
 
 def read_all(source: FrameSource, minimum: int = 2) -> list[Frame]:
-    """All frames of a source that ends.
+    """Read all frames of a finite source.
 
     Raises:
         InputError: when there are fewer than ``minimum``.

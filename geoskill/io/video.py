@@ -1,4 +1,4 @@
-"""Frames from recordings: a folder of images or a video file."""
+"""Frames from a folder of images or a video file."""
 
 import math
 import re
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.errors import InputError
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, checked_frame_rate, quiet_opencv, rgb
+from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource, bgr_to_rgb, quiet_opencv, validate_frame_rate
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".webm", ".mkv")
@@ -24,7 +24,11 @@ IMAGE_TYPES, VIDEO_TYPES = (
 
 @final
 class ImageFolder(FrameSource):
-    """The images of a folder in natural order of their names (``2.png`` before ``10.png``), hidden files left out.
+    """The images of a folder in natural order of their names (``2.png`` before ``10.png``), without hidden files.
+
+    Args:
+        path: the folder.
+        frame_rate: frames per second; frame ``i`` has the time ``i / frame_rate``.
 
     Raises:
         InputError: when the folder does not exist or holds no image, or the frame rate is not positive.
@@ -32,7 +36,7 @@ class ImageFolder(FrameSource):
 
     def __init__(self, path: str | Path, frame_rate: float = DEFAULT_FRAME_RATE) -> None:
         self._folder = Path(path)
-        self._frame_rate = checked_frame_rate(frame_rate)
+        self._frame_rate = validate_frame_rate(frame_rate)
         if not self._folder.is_dir():
             raise InputError(f"{path}: no such folder; expected a folder of images ({IMAGE_TYPES})")
         self._paths = sorted(
@@ -48,12 +52,12 @@ class ImageFolder(FrameSource):
 
     @property
     def name(self) -> str:
-        """See :attr:`FrameSource.name`."""
+        """Return the path."""
         return str(self._folder)
 
     @property
     def frame_rate(self) -> float:
-        """See :attr:`FrameSource.frame_rate`."""
+        """Return the nominal frames per second."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
@@ -71,14 +75,18 @@ class ImageFolder(FrameSource):
 
 @final
 class VideoFile(FrameSource):
-    """The frames of a file's main video stream, turned upright as the file's rotation says (by quarter turns).
+    """The frames of a file's main video stream, turned upright by the rotation stored in the file (quarter turns).
 
-    Times are those in the file, counted from the first frame, whatever ``frame_rate`` is given; frames without a time
-    get ``index / frame_rate``.
+    Frame times are those stored in the file, relative to the first frame, whatever ``frame_rate`` is given; a frame
+    without a time gets ``index / frame_rate``.
 
-    A video that breaks in the middle raises on the frame where it does, rather than passing for a shorter one. Found
-    are packets and frames that the decoder rejects or marks as damaged, and streams that end at least a second and
-    a tenth of the duration before the duration that the file states.
+    A damaged or truncated video raises at the frame where it breaks, instead of passing for a shorter one. Detected are
+    packets and frames that the decoder rejects or marks as damaged, and streams that end more than a second, and more
+    than a tenth of the duration, before the duration stored in the file.
+
+    Args:
+        path: the video file.
+        frame_rate: nominal frames per second; None for the rate stored in the file.
 
     Raises:
         InputError: when the file does not exist, is of an unsupported type or cannot be opened as a video.
@@ -89,21 +97,21 @@ class VideoFile(FrameSource):
         if not self._path.is_file():
             raise InputError(f"{path}: no such file; expected a video ({VIDEO_TYPES})")
         if self._path.suffix.lower() not in VIDEO_SUFFIXES:
-            found = f"unsupported type {self._path.suffix!r}" if self._path.suffix else "no file type"
-            raise InputError(f"{path}: {found}; expected a video ({VIDEO_TYPES}) or a folder of images")
-        with self._opened() as container:
-            stated = _video_stream(container, self._path).guessed_rate
-        stated_rate = float(stated) if stated else DEFAULT_FRAME_RATE
-        self._frame_rate = checked_frame_rate(stated_rate if frame_rate is None else frame_rate)
+            problem = f"unsupported type {self._path.suffix!r}" if self._path.suffix else "no file type"
+            raise InputError(f"{path}: {problem}; expected a video ({VIDEO_TYPES}) or a folder of images")
+        with self._open() as container:
+            guessed_rate = _video_stream(container, self._path).guessed_rate
+        stored_rate = float(guessed_rate) if guessed_rate else DEFAULT_FRAME_RATE
+        self._frame_rate = validate_frame_rate(stored_rate if frame_rate is None else frame_rate)
 
     @property
     def name(self) -> str:
-        """See :attr:`FrameSource.name`."""
+        """Return the path."""
         return str(self._path)
 
     @property
     def frame_rate(self) -> float:
-        """See :attr:`FrameSource.frame_rate`."""
+        """Return the nominal frames per second."""
         return self._frame_rate
 
     def __iter__(self) -> Iterator[Frame]:
@@ -111,10 +119,10 @@ class VideoFile(FrameSource):
         start_s: float | None = None
         first_shape: tuple[int, ...] | None = None
         end_s = -math.inf
-        with self._opened() as container:
+        with self._open() as container:
             stream = _video_stream(container, self._path)
             try:
-                # Packets of sound are read too: the duration that the file states is that of its longest stream.
+                # Audio packets are read too: the duration stored in the file is that of its longest stream.
                 for packet in container.demux():
                     if packet.is_corrupt:
                         raise self._broken(index, "the data are damaged or cut off")
@@ -144,12 +152,12 @@ class VideoFile(FrameSource):
                 if missing_s > max(1.0, 0.1 * duration_s):
                     raise self._broken(index, f"{missing_s:.1f} of {duration_s:.1f} s are missing at the end")
 
-    def _opened(self) -> av.container.InputContainer:
+    def _open(self) -> av.container.InputContainer:
         try:
             return av.open(str(self._path))
         except av.error.FFmpegError as error:
-            emptiness = "the file is empty" if self._path.stat().st_size == 0 else f"not readable ({error.strerror})"
-            raise InputError(f"{self._path}: {emptiness}; expected a complete video file") from error
+            problem = "the file is empty" if self._path.stat().st_size == 0 else f"not readable ({error.strerror})"
+            raise InputError(f"{self._path}: {problem}; expected a complete video file") from error
 
     def _broken(self, index: int, reason: str) -> InputError:
         return InputError(f"{self._path}: the video breaks at frame {index}: {reason}; expected a complete video file")
@@ -157,7 +165,7 @@ class VideoFile(FrameSource):
 
 def _read_image(path: Path) -> UInt8[np.ndarray, "height width 3"]:
     try:
-        # Read by Python, not by OpenCV, which cannot open every name on every system.
+        # Read by Python, because OpenCV cannot open every file name on every system.
         data = np.frombuffer(path.read_bytes(), np.uint8)
         with quiet_opencv():
             image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
@@ -165,7 +173,7 @@ def _read_image(path: Path) -> UInt8[np.ndarray, "height width 3"]:
         raise InputError(f"{path}: cannot be read ({error}); expected an image") from error
     if image is None:
         raise InputError(f"{path}: not a readable image, or damaged; expected {IMAGE_TYPES}")
-    return rgb(image)
+    return bgr_to_rgb(image)
 
 
 def _upright(frame: av.VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
@@ -181,9 +189,9 @@ def _video_stream(container: av.container.InputContainer, path: Path) -> av.Vide
 
 
 def _natural_key(name: str) -> tuple[list[str | int], str]:
-    # Split by a captured group: odd places are digits, so that words are never compared with numbers.
-    parts = re.split(r"([0-9]+)", name.lower())
-    return [int(part) if place % 2 else part for place, part in enumerate(parts)], name
+    # The captured group puts numbers at odd positions, so that words are never compared with numbers.
+    tokens = re.split(r"([0-9]+)", name.lower())
+    return [int(token) if position % 2 else token for position, token in enumerate(tokens)], name
 
 
 def _size(shape: tuple[int, ...]) -> str:

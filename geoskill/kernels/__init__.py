@@ -1,1 +1,1 @@
-"""Skill kernels, one file each, named as on the command line."""
+"""Skill kernels, one file per kernel, named as on the command line."""

@@ -1,4 +1,4 @@
-"""Index tensors of all associations of a kind."""
+"""Index tensors of all pairs of features."""
 
 import torch
 from jaxtyping import Int64
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 def unordered_pairs(count: int) -> Int64[Tensor, "2 m"]:
-    """All pairs i < j of ``count`` features of one type; m = count * (count - 1) / 2.
+    """Return all pairs i < j of ``count`` features of one type; m = count * (count - 1) / 2.
 
     >>> unordered_pairs(3).tolist()
     [[0, 0, 1], [1, 2, 2]]
@@ -15,7 +15,7 @@ def unordered_pairs(count: int) -> Int64[Tensor, "2 m"]:
 
 
 def all_pairs(first: int, second: int) -> Int64[Tensor, "2 m"]:
-    """Every feature of one type with every feature of another; m = first * second.
+    """Return every feature of one type paired with every feature of another; m = first * second.
 
     >>> all_pairs(2, 2).tolist()
     [[0, 0, 1, 1], [0, 1, 0, 1]]

@@ -1,4 +1,4 @@
-"""What every skill kernel is: a motif of typed nodes, its instances in a frame, and its control error."""
+"""The interface of skill kernels: a motif of typed nodes, its instances in a frame, and its control error."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from geoskill.geometry.primitives import NodeType
 
 
 class Kernel(ABC):
-    """A small undirected graph whose nodes are geometric features (the paper, section III-A).
+    """A motif, a small undirected graph whose nodes are geometric features (the paper, section III-A).
 
     A subclass is final, lives in the file of its name, and sets:
 
@@ -20,11 +20,11 @@ class Kernel(ABC):
         name: the word on the command line and in files.
         meaning: what the association says, for the readable definition of a skill.
         roles: the type of each of its ``k`` nodes.
-        edges: undirected edges between nodes, each once.
+        edges: undirected edges between nodes, every edge once.
         error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
-        unit: of the error, as it is printed; empty where it has none.
-        resolution: change of the error's norm that detection can just resolve, in the error's unit; an instance that
-            changes by less is at rest.
+        unit: unit of the error as printed; empty for an error without unit.
+        resolution: smallest change of the error's norm that detection can resolve, in the error's unit; an instance
+            that changes by less is at rest.
     """
 
     name: ClassVar[str]
@@ -37,7 +37,7 @@ class Kernel(ABC):
 
     @abstractmethod
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "k m"]:
-        """Every possible association in a frame with so many features of each type.
+        """List every possible association in a frame with the given number of features of each type.
 
         Row ``r`` indexes the features of type ``roles[r]``. Associations that differ only by an automorphism of the
         motif are listed once.
@@ -45,24 +45,24 @@ class Kernel(ABC):
 
     @abstractmethod
     def control_error(self, nodes: Sequence[Float[Tensor, "m _"]]) -> Float[Tensor, "m d"]:
-        """The control error of ``m`` instances from the geometry of their nodes in pixels, one tensor per role."""
+        """Return the control error of ``m`` instances, given the geometry of their nodes in pixels by role."""
 
 
 def node_types(kernel: type[Kernel] | Kernel) -> tuple[NodeType, ...]:
-    """The distinct types of a kernel's nodes, in the order in which they first appear."""
+    """Return the distinct types of a kernel's nodes, in the order in which they first appear."""
     return tuple(dict.fromkeys(kernel.roles))
 
 
 def directed_edges(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, int], ...]:
-    """Each edge in both directions, as (source, destination): the paths of the messages."""
+    """Return every edge in both directions as (source, destination), along which messages are passed."""
     return tuple(kernel.edges) + tuple((j, i) for i, j in kernel.edges)
 
 
 def automorphisms(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, ...], ...]:
-    """The permutations of a motif's nodes that keep types and edges, the identity first.
+    """Return the permutations of a motif's nodes that keep types and edges, the identity first.
 
-    The score of an instance must not depend on which of them its nodes are listed in (METHOD: the motif is undirected).
-    For p2p these are (0, 1) and (1, 0); for p2l only (0, 1).
+    The motif is undirected, so the score of an instance must be the same for all of these orders of its nodes (design
+    choice 3, docs/design-choices.md). For p2p they are (0, 1) and (1, 0); for p2l only (0, 1).
     """
     edges = {frozenset(edge) for edge in kernel.edges}
     return tuple(

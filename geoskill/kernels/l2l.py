@@ -14,7 +14,7 @@ from geoskill.kernels.kernel import Kernel
 
 @final
 class LineToLine(Kernel):
-    """Two edges that come to lie on one line; see :func:`line_to_line` for the error and its sign."""
+    """Two edges that come to lie on one line; see :func:`line_to_line` for the error, in pixels, and its sign."""
 
     name: ClassVar[str] = "l2l"
     meaning: ClassVar[str] = "one line comes to lie on another"
@@ -24,10 +24,10 @@ class LineToLine(Kernel):
     resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
-        """See :meth:`Kernel.instances`."""
+        """List the instances; see :meth:`Kernel.instances`."""
         return unordered_pairs(counts[NodeType.LINE])
 
     def control_error(self, nodes: Sequence[Float[Tensor, "m 4"]]) -> Float[Tensor, "m 2"]:
-        """See :meth:`Kernel.control_error`."""
+        """Return the control error; see :meth:`Kernel.control_error`."""
         first, second = nodes
         return line_to_line(first, second)

@@ -24,10 +24,10 @@ class PointToLine(Kernel):
     resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
-        """See :meth:`Kernel.instances`."""
+        """List the instances; see :meth:`Kernel.instances`."""
         return all_pairs(counts[NodeType.POINT], counts[NodeType.LINE])
 
     def control_error(self, nodes: Sequence[Float[Tensor, "m _"]]) -> Float[Tensor, "m 1"]:
-        """See :meth:`Kernel.control_error`."""
+        """Return the control error; see :meth:`Kernel.control_error`."""
         point, line = nodes
         return point_to_line(point, line)

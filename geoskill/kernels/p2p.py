@@ -24,10 +24,10 @@ class PointToPoint(Kernel):
     resolution: ClassVar[float] = 1.0
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
-        """See :meth:`Kernel.instances`."""
+        """List the instances; see :meth:`Kernel.instances`."""
         return unordered_pairs(counts[NodeType.POINT])
 
     def control_error(self, nodes: Sequence[Float[Tensor, "m 2"]]) -> Float[Tensor, "m 2"]:
-        """See :meth:`Kernel.control_error`."""
+        """Return the control error; see :meth:`Kernel.control_error`."""
         first, second = nodes
         return point_to_point(first, second)

@@ -14,7 +14,7 @@ from geoskill.kernels.kernel import Kernel
 
 @final
 class Parallel(Kernel):
-    """Two edges that turn parallel; the error is the sine of the angle from the first to the second, up to sign."""
+    """Two edges that become parallel; the error is the sine of the angle from the first to the second, up to sign."""
 
     name: ClassVar[str] = "par"
     meaning: ClassVar[str] = "one line turns parallel to another"
@@ -22,13 +22,13 @@ class Parallel(Kernel):
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_dim: ClassVar[int] = 1
     unit: ClassVar[str] = ""
-    resolution: ClassVar[float] = 0.02  # one degree, about what a segment of 60 px shows when its ends are 1 px off
+    resolution: ClassVar[float] = 0.02  # one degree, about the error of a segment of 60 px whose ends are 1 px off
 
     def instances(self, counts: Mapping[NodeType, int]) -> Int64[Tensor, "2 m"]:
-        """See :meth:`Kernel.instances`."""
+        """List the instances; see :meth:`Kernel.instances`."""
         return unordered_pairs(counts[NodeType.LINE])
 
     def control_error(self, nodes: Sequence[Float[Tensor, "m 4"]]) -> Float[Tensor, "m 1"]:
-        """See :meth:`Kernel.control_error`."""
+        """Return the control error; see :meth:`Kernel.control_error`."""
         first, second = nodes
         return parallel(first, second)

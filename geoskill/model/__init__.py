@@ -1,1 +1,1 @@
-"""Networks that score associations."""
+"""Networks that score the instances of a kernel."""

@@ -1,4 +1,4 @@
-"""A factorized select-out: per-feature encoders, scores as inner products."""
+"""A factorized select-out: features are encoded one by one, and instances scored by inner products."""
 
 from collections.abc import Mapping
 from typing import ClassVar, final
@@ -15,14 +15,13 @@ from geoskill.model.scorer import InstanceScorer, Motif
 
 @final
 class Bilinear(InstanceScorer):
-    """Each feature is encoded by itself; an instance's score is the sum over the motif's directed edges of
-    ``u(f_i) . v(f_j)``.
+    """A scorer that sums ``u(f_i) . v(f_j)`` over the directed edges of the motif, with two encoders u and v.
 
-    Summing over both directions of every edge makes the score symmetric under the motif's automorphisms. Linear in the
-    number of features but for the inner products: the choice for many features.
+    Summing over both directions of every edge makes the score symmetric under the motif's automorphisms. Apart from the
+    inner products, the cost is linear in the number of features, which makes this the choice for many features.
 
     Args:
-        motif: what an instance looks like.
+        motif: the motif of the instances.
         hidden_dim: width of the encoders and of the inner product.
 
     Raises:
@@ -34,7 +33,7 @@ class Bilinear(InstanceScorer):
     def __init__(self, motif: Motif, *, hidden_dim: int) -> None:
         super().__init__()
         if hidden_dim < 1:
-            raise InputError(f"model.hidden_dim={hidden_dim}: expected at least 1")
+            raise InputError(f"hidden_dim={hidden_dim}: expected at least 1")
         self.motif = motif
         self.scale = hidden_dim**-0.5
         self.source: nn.Module = DescriptorEncoder(motif, hidden_dim, hidden_dim)
@@ -43,7 +42,7 @@ class Bilinear(InstanceScorer):
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
     ) -> Float[Tensor, " m"]:
-        """See :meth:`InstanceScorer.forward`."""
+        """Score instances; see :meth:`InstanceScorer.forward`."""
         source, destination = self.source(descriptors), self.destination(descriptors)
         roles = self.motif.roles
         terms = [

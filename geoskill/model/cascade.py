@@ -1,14 +1,14 @@
-"""Of many instances, only those that a factorized score likes best are worth the costly one.
+"""A cascade: a factorized estimate picks the few instances that are worth an expensive score.
 
-A score is a part that is cheap for all pairs, and a costly one, here that of message passing. Of the costly part a
-frame's own additive model is made, the mean over a few partners spread over the frame::
+A score is the sum of a part that is cheap for all instances and an expensive part, here that of message passing. The
+expensive part is estimated by an additive model of the frame, the mean over a few partners spread over the frame::
 
-    costly(i, j) ~ a_i + a_j + constant,    a_i = mean_r costly(i, r)
+    expensive(i, j) ~ a_i + a_j + constant,    a_i = mean_r expensive(i, r)
 
-which takes a few instances for each feature. By the sum of both the K best are chosen, and only these are looked at:
-a coarse stage passes on to a fine one ("Rapid object detection using a boosted cascade of simple features", Viola and
-Jones, CVPR 2001). The cheap part alone will not do. Message passing likes unknown features where likeness to the
-demonstration does not, and the best by the sum is often not among the best by one.
+which takes a few instances per feature. The K instances with the largest estimated sum are then scored exactly: a
+coarse stage passes on to a fine one ("Rapid object detection using a boosted cascade of simple features", Viola and
+Jones, CVPR 2001). The cheap part alone does not find them: message passing gives unknown features high scores where
+similarity to the demonstration does not, so the best instance by the sum is often not among the best by one part.
 """
 
 from collections.abc import Mapping
@@ -21,67 +21,69 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.model.chunks import Score
 from geoskill.model.scorer import Motif
 
-# Partners of each feature. On 131 frames of real videos with 512 features each, the best of 131,000 instances is among
-# the 450 best by the estimate; with one partner among 26,000.
+# Partners per feature, just enough for the best instance to be among the best estimates (docs/experiments/speed.md).
 PARTNERS = 4
 
 
 def cascade(
     cheap: Float[Tensor, " m"],
-    costly: Score,
+    expensive: Score,
     motif: Motif,
     counts: Mapping[NodeType, int],
     instance_index: Int64[Tensor, "k m"],
     budget: int,
 ) -> Float[Tensor, " m"]:
-    """The sum of the cheap and the costly part of the K instances that are estimated to be best; of others an estimate.
+    """Return exact sums of both parts for the K instances with the best estimates, and estimates for all others.
 
-    The estimate is corrected by its mean error on the K. No other instance can then be ahead of all that were looked
-    at: the best of them is no worse than their mean, which is that of their estimates, and no other's estimate is
-    larger than any of theirs. Of equal estimates, which are looked at is arbitrary.
+    Estimates are corrected by their mean error on the K instances, so that the best score is always an exact one: the
+    best of the K is no worse than their mean, which equals the mean of their corrected estimates, and no other estimate
+    is larger than any of these. Ties between estimates are broken arbitrarily.
 
     Args:
-        cheap: the cheap part.
-        costly: the other part, of some instances.
-        motif: what an instance looks like.
-        counts: features of each type.
-        instance_index: of all instances; more than K.
+        cheap: the cheap part of all instances.
+        expensive: computes the expensive part of some instances.
+        motif: the motif of the instances.
+        counts: number of features of each type.
+        instance_index: all instances; more than K.
         budget: K, at least 1.
     """
-    effects = main_effects(costly, motif, counts, instance_index.device)
+    effects = main_effects(expensive, motif, counts, instance_index.device)
     estimate = cheap + torch.stack([effect[row] for effect, row in zip(effects, instance_index, strict=True)]).sum(
         dim=0
     )
     best = torch.topk(estimate, budget).indices
-    exact = cheap[best] + costly(instance_index[:, best])
+    exact = cheap[best] + expensive(instance_index[:, best])
     return (estimate + (exact - estimate[best]).mean()).index_copy(0, best, exact)
 
 
 def main_effects(
     score: Score, motif: Motif, counts: Mapping[NodeType, int], device: torch.device
 ) -> list[Float[Tensor, " n"]]:
-    """For each role, the mean score of each feature in it with some partners, the same for all features.
+    """Return, for each role, the mean score of each feature in that role with the same few partners for all features.
 
-    Partners are spread over the features in their order, which is by strength. One of them is with itself, too: so
-    additive scores are found exactly.
+    Partners are spread over the features in their order, which is by strength. A feature may be its own partner;
+    leaving that pair out would make the estimate of additive scores inexact.
     """
     effects: list[Tensor] = []
-    for role, kind in enumerate(motif.roles):
-        alike = min(order[role] for order in motif.automorphisms)
-        if alike < role:  # the motif does not tell them apart
-            effects.append(effects[alike])
+    for role, node_type in enumerate(motif.roles):
+        first_equivalent = min(order[role] for order in motif.automorphisms)
+        if first_equivalent < role:  # the motif does not tell the two roles apart
+            effects.append(effects[first_equivalent])
             continue
-        features = torch.arange(counts[kind], device=device).repeat_interleave(PARTNERS)
+        features = torch.arange(counts[node_type], device=device).repeat_interleave(PARTNERS)
         index = torch.stack(
             [
-                # Each role starts with another one, lest there be one partner in two roles.
-                features if place == role else _spread(counts[other], device).roll(place).repeat(counts[kind])
-                for place, other in enumerate(motif.roles)
+                # Rolled by the role, so that no feature is the partner in two roles at once.
+                features
+                if partner_role == role
+                else _partners(counts[partner_type], device).roll(partner_role).repeat(counts[node_type])
+                for partner_role, partner_type in enumerate(motif.roles)
             ]
         )
         effects.append(score(index).reshape(-1, PARTNERS).mean(dim=1))
     return effects
 
 
-def _spread(count: int, device: torch.device) -> Int64[Tensor, " partners"]:
+def _partners(count: int, device: torch.device) -> Int64[Tensor, " partners"]:
+    """Return evenly spread indices of ``count`` features."""
     return (2 * torch.arange(PARTNERS, device=device) + 1) * count // (2 * PARTNERS)

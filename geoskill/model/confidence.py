@@ -1,19 +1,18 @@
-"""How sure a skill may be of an association.
+"""The confidence that an association is right.
 
-The select-out g says how the weight of a frame is shared among its associations, and always sums to 1: it is as large
-where nothing is right. What tells right from wrong is how far a score is ahead of the other associations' in the frame,
-beside how far the best was ahead in the demonstration::
+The select-out g distributes the weight of a frame over its associations and always sums to 1, also when every
+association of the frame is wrong. The confidence depends on the margin instead: how far a score is above the mean of
+the frame, relative to the margin that the best score had in the demonstration::
 
-    x = (b - mean b) / usual lead        confidence = 1 / (1 + exp(-PLATT_SLOPE (x - PLATT_MIDPOINT)))
+    x = (b - mean b) / reference margin        confidence = 1 / (1 + exp(-PLATT_SLOPE (x - PLATT_MIDPOINT)))
 
-x does not change when all scores are raised or stretched, and so asks nothing of the network that made them. A feature
-that is hidden, or another thing in its place, is less like the demonstration, and its score less ahead.
+x does not change when all scores are shifted or scaled, so it does not depend on the network that made them. A feature
+that is hidden, or replaced by another object, is less similar to the demonstration, and its score has a smaller margin.
 
-The two numbers are a logistic regression (Platt 1999) of whether the best association of a frame is right, of simulated
-sorting, seeds 3 to 6, the five scenarios of table 1, every third frame; a frame in which the right association cannot
-be seen counts as wrong. Left out one seed at a time, the expected calibration error is 0.03, of g 0.14, and the area
-under the ROC curve 0.89, of g 0.63. It is calibrated for skills that have learned the right thing: of a misunderstood
-demonstration it is just as sure.
+The two constants are a logistic regression (Platt 1999) of whether the best association of a frame is right; a frame in
+which the right association is not visible counts as wrong (docs/experiments/confidence.md, whose script
+docs/experiments/fit_confidence.py fits them). They are calibrated for skills that have learned the right task: a skill
+that misunderstood its demonstration is just as confident.
 """
 
 import torch
@@ -25,7 +24,7 @@ PLATT_MIDPOINT = 0.55
 
 
 def score_margins(scores: Float[Tensor, " m"]) -> Float[Tensor, " m"]:
-    """How far each of a frame's scores b is ahead of their mean.
+    """Return by how much each score b of a frame exceeds their mean.
 
     >>> score_margins(torch.tensor([1.0, 2.0, 6.0]))
     tensor([-2., -1.,  3.])
@@ -34,16 +33,16 @@ def score_margins(scores: Float[Tensor, " m"]) -> Float[Tensor, " m"]:
 
 
 def confidences(scores: Float[Tensor, " m"], reference_margin: Float[Tensor, ""]) -> Float[Tensor, " m"]:
-    """Of each of a frame's associations, the probability that it is right.
+    """Return the probability that each association of a frame is right.
 
-    They do not sum to 1: many pairs of points join the same two things.
+    The probabilities do not sum to 1, since many pairs of points join the same two objects.
 
     Args:
-        scores: b of all of them.
-        reference_margin: the median lead of the best in a frame of the demonstration; 0 where it was not fitted, as in a
-            training that was interrupted. The confidences are then the select-out.
+        scores: b of all associations of the frame.
+        reference_margin: the median margin of the best association in the frames of the demonstration; 0 when it was
+            not fitted, as after an interrupted training. The result is then the select-out.
 
-    One that is as far ahead as usual, and two that are not:
+    One association with the reference margin, and two with less:
 
     >>> confidences(torch.tensor([6.0, 3.0, 0.0]), torch.tensor(3.0)).round(decimals=4)
     tensor([0.9885, 0.0043, 0.0000])

@@ -1,4 +1,4 @@
-"""From descriptors to hidden states."""
+"""Encoders from descriptors to hidden states."""
 
 from collections.abc import Mapping
 from typing import final
@@ -17,17 +17,17 @@ CHANNELS = (16, 32, 32)
 
 @final
 class DescriptorEncoder(nn.Module):
-    """One encoder per node type, so that a point's 128 numbers and a line's 72 meet in one space.
+    """Encoders of descriptors, one per node type, into one space of hidden states.
 
     Every feature is encoded once, however many instances it is part of, so width costs little here. Patches of pixels
     are described by convolutions, which are trained with the kernel.
 
     Args:
-        motif: says how long the descriptors of each node type are, and which of them are patches.
+        motif: gives the descriptor length of each node type, and the types whose descriptors begin with a patch.
         hidden_dim: length of the states.
-        width: of the hidden layer of a perceptron; None for a linear encoder (METHOD #5), of patches too. A linear map
-            into few states cannot keep apart the features that the task needs and those it has never seen; the
-            perceptron can.
+        width: of the hidden layer of a perceptron; None for a linear encoder (design choice 5,
+            docs/design-choices.md), which takes patches as plain numbers. A linear map into few states cannot separate
+            the features that the task needs from those it has never seen; the perceptron can.
 
     Raises:
         InputError: when ``width`` is below 1.
@@ -36,40 +36,42 @@ class DescriptorEncoder(nn.Module):
     def __init__(self, motif: Motif, hidden_dim: int, width: int | None = None) -> None:
         super().__init__()
         if width is not None and width < 1:
-            raise InputError(f"model.encoder_dim={width}: expected at least 1, or null for a linear encoder")
+            raise InputError(f"width={width}: expected at least 1, or None for a linear encoder")
 
-        def encoder(kind: NodeType, dim: int) -> nn.Module:
+        def encoder(node_type: NodeType, dim: int) -> nn.Module:
             if width is None:
                 return nn.Linear(dim, hidden_dim)
-            side = motif.patch_sides.get(kind)
-            described = dim if side is None else width + dim - side**2
-            perceptron = nn.Sequential(nn.Linear(described, width), nn.ReLU(), nn.Linear(width, hidden_dim))
+            side = motif.patch_sides.get(node_type)
+            input_dim = dim if side is None else width + dim - side**2
+            perceptron = nn.Sequential(nn.Linear(input_dim, width), nn.ReLU(), nn.Linear(width, hidden_dim))
             return perceptron if side is None else nn.Sequential(PatchDescription(side, width), perceptron)
 
-        self.layers = nn.ModuleDict({str(kind): encoder(kind, dim) for kind, dim in motif.descriptor_dims.items()})
+        self.layers = nn.ModuleDict(
+            {str(node_type): encoder(node_type, dim) for node_type, dim in motif.descriptor_dims.items()}
+        )
 
     def forward(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> dict[NodeType, Float[Tensor, "n h"]]:
-        """Hidden states of every feature."""
+        """Return the hidden state of every feature."""
         # Unit-norm descriptors have components of about 1/sqrt(D); a linear layer wants them of about 1.
-        return {kind: self.layers[str(kind)](x * x.shape[1] ** 0.5) for kind, x in descriptors.items()}
+        return {node_type: self.layers[str(node_type)](x * x.shape[1] ** 0.5) for node_type, x in descriptors.items()}
 
 
 @final
 class PatchDescription(nn.Module):
-    """Puts a learned description in place of the patch with which a descriptor begins.
+    """A convolutional network that replaces the patch at the beginning of a descriptor by a learned description.
 
     Args:
         side: of the patch, in pixels; a multiple of four.
         width: length of the description.
 
     Raises:
-        ValueError: when it is not.
+        ValueError: when ``side`` is not a multiple of four.
     """
 
     def __init__(self, side: int, width: int) -> None:
         super().__init__()
         if side % 4 != 0:
-            raise ValueError(f"patches of {side} pixels; expected a multiple of four")
+            raise ValueError(f"side={side}: expected a multiple of four pixels")
         first, second, third = CHANNELS
         self.side = side
         self.network = nn.Sequential(
@@ -84,6 +86,6 @@ class PatchDescription(nn.Module):
         )
 
     def forward(self, descriptors: Float[Tensor, "n d"]) -> Float[Tensor, "n e"]:
-        """The description of the patch, and what stands beside it as it is."""
-        patch, beside = descriptors[:, : self.side**2], descriptors[:, self.side**2 :]
-        return torch.cat([self.network(patch.reshape(-1, 1, self.side, self.side)), beside], dim=1)
+        """Return the description of the patch, followed by the rest of the descriptor unchanged."""
+        patch, rest = descriptors[:, : self.side**2], descriptors[:, self.side**2 :]
+        return torch.cat([self.network(patch.reshape(-1, 1, self.side, self.side)), rest], dim=1)

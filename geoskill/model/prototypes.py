@@ -1,15 +1,16 @@
-"""A select-out by likeness to the demonstration: a mixture over what was seen there.
+"""A select-out by similarity to the demonstration: a mixture over associations of its features.
 
-A network that was trained on a few dozen things is free in what it says of any other, and is as sure of it: joined to
+The score of a trained network is arbitrary for features unlike those it was trained on, and just as large: joined to
 an unknown corner of a gripper, a known point can earn the largest score of the frame. Here the score of an instance is
-the logarithm of a sum of likenesses, which falls the farther a feature is from all that the demonstration has shown::
+the logarithm of a sum of similarities, which falls with the distance of a feature from every feature of the
+demonstration::
 
-    u_cr(f) = sum_k exp(a_crk + (f . p_k - 1) / w)                   of role r in component c
+    u_cr(f) = sum_k exp(a_crk + (f . p_k - 1) / w)                   for role r in component c
     b       = 4 log sum_orders sum_c prod_r u_cr(f_order[r])   over the motif's automorphisms
 
-The p_k are descriptors of the demonstration, kept as they are; the weights a are learned. It is a Parzen
-window over associations (Parzen 1962) whose weights are those of the objective in place of counts, or a radial basis
-function network (Broomhead and Lowe 1988) with a product on top. Not in the paper.
+The p_k are descriptors of the demonstration, kept as they are; the weights a are learned. This is a Parzen window over
+associations (Parzen 1962) whose weights come from the objective in place of counts, or a radial basis function network
+(Broomhead and Lowe 1988) with a product on top. It is not in the paper.
 """
 
 import math
@@ -24,29 +25,29 @@ from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.model.scorer import InstanceScorer, Motif
 
-# Window w, as a share of the median of 1 - f . p over pairs of the demonstration's features: two features as far apart
-# as most are have a likeness of exp(-18). It is h = 0.2 (w = h * h) on simulated sorting, where of 0.15, 0.2, 0.25 and
-# 0.3 the first two are the best.
+# Window w over the median of 1 - f . p between the demonstration's features: at the median distance the similarity is
+# exp(-18) (docs/experiments/look-alikes.md).
 WINDOW_SHARE = 0.055
-# Weights are this many times their parameters, which Adam moves by about its rate in each step: some hundred steps must
-# be able to tell a prototype of the task from one of the background, which takes several nats.
+# A weight is its parameter times this. Adam moves a parameter by about its rate per step, and within some hundred steps
+# a prototype of the task must get several nats ahead of one of the background.
 GAIN = 10.0
-# Fixed: when it was learned, it stayed within a fifth of this.
+# Fixed, since learning it hardly changed it (docs/experiments/look-alikes.md).
 SCALE = 4.0
-# Of features, for each instance: two where each pair of like features is one, and not many more.
-MOST_PAIRS = 4
+# All pairs of features are computed at once up to this many pairs per instance: about two when instances are unordered
+# pairs, and a few more are still worth it.
+MAX_PAIRS_PER_INSTANCE = 4
 
 
 @final
 class PrototypeMixture(InstanceScorer):
-    """Scores instances by how much their features are like those of the demonstration, and which of them.
+    """A scorer by the similarity of an instance's features to those of the demonstration.
 
-    Until :meth:`remember` is called, all prototypes are zero and all instances earn the same.
+    Until :meth:`fit_prototypes` is called, all prototypes are zero and all instances have the same score.
 
     Args:
-        motif: what an instance looks like.
-        prototypes: K, how many of the demonstration's features are kept for each node type.
-        components: C, how many kinds of association the mixture has; each has its own weights in every role.
+        motif: the motif of the instances.
+        prototypes: K, the number of the demonstration's features that are kept for each node type.
+        components: C, the number of components of the mixture; each has its own weights in every role.
 
     Raises:
         InputError: when a number is below 1.
@@ -56,53 +57,57 @@ class PrototypeMixture(InstanceScorer):
 
     def __init__(self, motif: Motif, *, prototypes: int, components: int = 16) -> None:
         super().__init__()
-        for name, value in (("prototypes", prototypes), ("components", components)):
+        for argument, value in (("prototypes", prototypes), ("components", components)):
             if value < 1:
-                raise InputError(f"model.{name}={value}: expected at least 1")
+                raise InputError(f"{argument}={value}: expected at least 1")
         self.motif = motif
         self.weights = nn.ParameterList(torch.randn(prototypes, components) / GAIN for _ in motif.roles)
-        for kind, dim in motif.descriptor_dims.items():
-            self.register_buffer(f"{kind}_prototypes", torch.zeros(prototypes, dim))
-            self.register_buffer(f"{kind}_window", torch.ones(()))
+        for node_type, dim in motif.descriptor_dims.items():
+            self.register_buffer(f"{node_type}_prototypes", torch.zeros(prototypes, dim))
+            self.register_buffer(f"{node_type}_window", torch.ones(()))
 
     def fit_prototypes(self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]]) -> None:
-        """Keep K features of each type as prototypes, spread evenly over those given; again and again if they are few.
+        """Keep K features of each type as prototypes, and fit the window to their distances.
 
-        The window is fitted to them. Unit-norm descriptors are expected.
+        The prototypes are spread evenly over the given features, which are repeated when there are fewer than K.
+
+        Args:
+            descriptors: those of all features of the demonstration, unit norm.
 
         Raises:
             ValueError: when there is no feature of a type.
         """
-        for kind, rows in descriptors.items():
+        for node_type, rows in descriptors.items():
             if len(rows) == 0:
-                raise ValueError(f"no {kind} to remember; expected the demonstration's features")
-            prototypes = self.get_buffer(f"{kind}_prototypes")
+                raise ValueError(f"no {node_type} descriptors; expected those of the demonstration's features")
+            prototypes = self.get_buffer(f"{node_type}_prototypes")
             # A golden-ratio sequence: spread over the demonstration and over the ranks of strength within each frame.
-            places = (torch.arange(len(prototypes), dtype=torch.float64) * (5**0.5 - 1) / 2 % 1.0 * len(rows)).long()
-            prototypes.copy_(rows[places])
-            apart = 1.0 - prototypes @ prototypes.T
-            window = WINDOW_SHARE * apart[~torch.eye(len(apart), dtype=torch.bool)].median()
-            if window > 0:  # not of a single feature, which is apart from nothing
-                self.get_buffer(f"{kind}_window").copy_(window)
+            chosen = (torch.arange(len(prototypes), dtype=torch.float64) * (5**0.5 - 1) / 2 % 1.0 * len(rows)).long()
+            prototypes.copy_(rows[chosen])
+            distances = 1.0 - prototypes @ prototypes.T
+            window = WINDOW_SHARE * distances[~torch.eye(len(distances), dtype=torch.bool)].median()
+            if window > 0:  # a single feature has no distance to another
+                self.get_buffer(f"{node_type}_window").copy_(window)
 
     def forward(
         self, descriptors: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
     ) -> Float[Tensor, " m"]:
-        """See :meth:`InstanceScorer.forward`."""
-        # Per feature, so that an instance only has a few numbers to add. Over the nearest prototype's, so that nothing
-        # underflows far from all of them.
+        """Score instances; see :meth:`InstanceScorer.forward`."""
+        # Computed per feature, so that an instance only adds a few numbers, and relative to the nearest prototype, so
+        # that nothing underflows far from all of them.
         nearest, relative = {}, {}
-        for kind, rows in descriptors.items():
-            log_likeness = self._log_likeness(kind, rows)
-            nearest[kind] = log_likeness.amax(dim=1, keepdim=True).detach()
-            relative[kind] = torch.exp(log_likeness - nearest[kind])
+        for node_type, rows in descriptors.items():
+            log_similarity = self._log_similarity(node_type, rows)
+            nearest[node_type] = log_similarity.amax(dim=1, keepdim=True).detach()
+            relative[node_type] = torch.exp(log_similarity - nearest[node_type])
         mixed = [
-            relative[role] @ torch.exp(GAIN * row) for role, row in zip(self.motif.roles, self.weights, strict=True)
+            relative[role] @ torch.exp(GAIN * weights)
+            for role, weights in zip(self.motif.roles, self.weights, strict=True)
         ]
-        if _as_table(mixed, instance_index.shape[1]):
+        if _pays_as_table(mixed, instance_index.shape[1]):
             table = mixed[0] @ mixed[1].T
             if len(self.motif.automorphisms) == 2:
-                table = table + table.T  # in either order
+                table = table + table.T  # sum over both orders
             first, second = (nearest[role] for role in self.motif.roles)
             scores = SCALE * (torch.log(table) + first + second.T)
             return scores[instance_index[0], instance_index[1]]
@@ -113,20 +118,20 @@ class PrototypeMixture(InstanceScorer):
         ]
         return SCALE * torch.cat(terms, dim=1).logsumexp(dim=1)
 
-    def _log_likeness(self, kind: NodeType, rows: Float[Tensor, "n d"]) -> Float[Tensor, "n K"]:
-        prototypes, window = self.get_buffer(f"{kind}_prototypes"), self.get_buffer(f"{kind}_window")
+    def _log_similarity(self, node_type: NodeType, rows: Float[Tensor, "n d"]) -> Float[Tensor, "n K"]:
+        prototypes, window = self.get_buffer(f"{node_type}_prototypes"), self.get_buffer(f"{node_type}_window")
         return (rows @ prototypes.T - 1.0) / window
 
 
-def _as_table(mixed: Sequence[Float[Tensor, "_ C"]], count: int) -> bool:
-    """Whether one product of matrices gives the sum over components for all pairs of features, and is worth it.
+def _pays_as_table(mixed: Sequence[Float[Tensor, "_ C"]], count: int) -> bool:
+    """Tell whether one product of matrices can and should give the sum over components for all pairs of features.
 
-    It is when most pairs are instances; in a batch, most are of two frames. And no summand may overflow or underflow:
-    learned weights are some ten nats apart, and it takes forty, but nothing forbids them.
+    It pays when most pairs are instances; in a batch, most pairs are of two frames. And no summand may overflow or
+    underflow: that takes weights forty nats apart, learned ones are some ten apart, but nothing forbids more.
     """
     pairs = math.prod(len(u) for u in mixed)
-    if len(mixed) != 2 or not 0 < pairs <= MOST_PAIRS * count:
+    if len(mixed) != 2 or not 0 < pairs <= MAX_PAIRS_PER_INSTANCE * count:
         return False
     limits = torch.finfo(mixed[0].dtype)
-    smallest, largest = (math.prod(float(of(u.detach())) for u in mixed) for of in (torch.amin, torch.amax))
+    smallest, largest = (math.prod(float(extreme(u.detach())) for u in mixed) for extreme in (torch.amin, torch.amax))
     return smallest > limits.tiny and 2 * mixed[0].shape[1] * largest < limits.max

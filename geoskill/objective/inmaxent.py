@@ -2,8 +2,8 @@
 
     mean over transitions of (r - log Z(r))  -  lambda · mean RSW of both frames  -  weight · mean goal of both frames
 
-Source: Jin et al., ICRA 2020, equation 11 with the RSW regularizer and Algorithm 1; METHOD, settled points 6, 10 and 13
-and "The reward is the weak spot, and how to mend it". The goal term is ours (:mod:`geoskill.objective.goal`).
+Source: Jin et al., ICRA 2020, equation 11 with the RSW regularizer and Algorithm 1; design choices 6, 10 and 13
+(docs/design-choices.md) and docs/method.md, Reward. The goal term is ours (:mod:`geoskill.objective.goal`).
 """
 
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ from geoskill.objective.selection import residual_sum_of_weights
 @final
 @dataclass(frozen=True, eq=False)
 class FrameSelection:
-    """What a batch of frames selects, and what that is worth.
+    """The selection in a batch of frames, with the errors and changes that it is judged by.
 
     Attributes:
         select_out: ``[m]``, g of every instance; sums to 1 over each frame.
-        errors: ``[m, d]``, its control error E.
+        errors: ``[m, d]``, control error E of every instance.
         change: ``[m]``, change of norm(E) from the earlier to the later frame of the transition, of this frame's own
-            instance followed to the other frame; 0 where it could not be followed.
+            instance tracked to the other frame; 0 when it could not be tracked.
         batch: ``[m]``, the frame of each instance, sorted, counted from 0.
-        num_frames: frames in the batch, those without any instance included; frame i belongs to transition i.
-        goal_progress: ``[m]``, what each instance earns for having come together by the end of the demonstration
-            (:func:`~geoskill.objective.goal.goal_progress`); only the goal term needs it.
+        num_frames: number of frames, those without any instance included; frame i belongs to transition i.
+        goal_progress: ``[m]``, of every instance (:func:`~geoskill.objective.goal.goal_progress`); only the goal term
+            needs it.
         scores: ``[m]``, b; only the goal term needs it.
 
     Raises:
-        ValueError: the tensors disagree in length, or there is no frame.
+        ValueError: when the tensors disagree in length, or there is no frame.
     """
 
     select_out: Float[Tensor, " m"]
@@ -57,20 +57,20 @@ class FrameSelection:
             if values is not None and len(values) != len(self.batch):
                 raise ValueError(f"{name} has {len(values)} rows for {len(self.batch)} instances; expected as many")
         if self.num_frames < 1:
-            raise ValueError(f"a selection has {self.num_frames} frames; expected at least one")
+            raise ValueError(f"num_frames={self.num_frames}: expected at least 1")
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ObjectiveValue:
-    """The objective and its parts, scalar tensors, all still differentiable.
+    """The objective and its terms as differentiable scalar tensors.
 
     Attributes:
         objective: to be maximized.
         reward: mean r of the transitions, in [-1, 1].
-        rsw: mean residual sum of weights of all frames, in [0, 1].
-        goal: mean divergence from the goal of all frames, 0 or more, in nats; 0 where its weight is 0.
-        error: mean magnitude of Ec of all frames, in the control error's unit; a frame without instance counts as 0.
+        rsw: mean residual sum of weights over all frames, in [0, 1].
+        goal: mean divergence from the goal over all frames, 0 or more, in nats; 0 when its weight is 0.
+        error: mean magnitude of Ec over all frames, in the control error's unit; a frame without instance counts as 0.
     """
 
     objective: Float[Tensor, ""]
@@ -87,50 +87,40 @@ def transition_objective(
     second: FrameSelection,
     generator: torch.Generator | None = None,
 ) -> ObjectiveValue:
-    """The objective over a batch of transitions.
+    """Compute the objective of a batch of transitions.
 
     With ``settings.reward`` ``tracked`` a transition has two rewards, one from the instances of its earlier frame and
     one from those of its later frame, and counts with the mean of their likelihoods r - log Z(r); a frame without
-    instances has r = 0. With ``frame`` it has one, from norm(Ec) later minus earlier, which is taken as unchanged
-    when either frame has no instance (its Ec of 0 would pass for a decrease or an increase).
+    instances has r = 0. With ``frame`` it has one reward, from norm(Ec) later minus earlier, which is 0 when either
+    frame has no instance (its Ec of 0 would pass for a decrease or an increase).
 
     Args:
-        settings: what the objective is made of.
+        settings: terms and constants of the objective.
         beta: of :func:`~geoskill.objective.reward.beta_from_changes`, one for all or one for each transition.
         first: the earlier frames of the transitions.
         second: the later frames, in the same order.
         generator: of the Monte-Carlo samples; the exact partition function draws none.
 
     Raises:
-        ValueError: the two selections have different numbers of frames, or the goal counts and one lacks what it needs.
+        ValueError: when the two selections have different numbers of frames, or the goal has a weight and a selection
+            lacks progress or scores.
     """
     if first.num_frames != second.num_frames:
-        raise ValueError(
-            f"the transitions have {first.num_frames} earlier and {second.num_frames} later frames; "
-            f"expected the same number"
-        )
-    error_first, error_second = (
-        overall_error(frames.select_out, frames.errors, frames.batch, frames.num_frames, settings.error_reduction)
-        for frames in (first, second)
-    )
+        counts = f"{first.num_frames} earlier and {second.num_frames} later frames"
+        raise ValueError(f"the transitions have {counts}; expected the same number")
+    both = (first, second)
+    error_first, error_second = (_overall_error(settings, frames) for frames in both)
     if settings.reward == "tracked":
-        changes = torch.cat(
-            [tracked_change(each.select_out, each.change, each.batch, each.num_frames) for each in (first, second)]
-        )
+        changes = torch.cat([_tracked_change(frames) for frames in both])
+        if isinstance(beta, Tensor) and beta.ndim == 1:
+            beta = torch.cat([beta, beta])
     else:
         comparable = _has_instance(first) & _has_instance(second)
         changes = torch.where(comparable, error_second - error_first, 0.0)
-    if settings.reward == "tracked" and isinstance(beta, Tensor) and beta.ndim == 1:
-        beta = torch.cat([beta, beta])
     rewards = reward(changes, beta)
     likelihood = (rewards - _log_partition(settings, rewards, generator)).mean()
-    rsw = torch.cat(
-        [
-            residual_sum_of_weights(each.select_out, each.batch, each.num_frames, settings.top_k)
-            for each in (first, second)
-        ]
-    ).mean()
-    goal = torch.cat([_goal(settings, each) for each in (first, second)]).mean()
+    rsw = torch.cat([_rsw(settings, frames) for frames in both]).mean()
+    goal = torch.cat([_goal(settings, frames) for frames in both]).mean()
     return ObjectiveValue(
         objective=likelihood - settings.rsw_weight * rsw - settings.goal_weight * goal,
         reward=rewards.mean(),
@@ -138,6 +128,18 @@ def transition_objective(
         goal=goal,
         error=torch.cat([error_first, error_second]).mean(),
     )
+
+
+def _overall_error(settings: ObjectiveConfig, frames: FrameSelection) -> Float[Tensor, " frames"]:
+    return overall_error(frames.select_out, frames.errors, frames.batch, frames.num_frames, settings.error_reduction)
+
+
+def _tracked_change(frames: FrameSelection) -> Float[Tensor, " frames"]:
+    return tracked_change(frames.select_out, frames.change, frames.batch, frames.num_frames)
+
+
+def _rsw(settings: ObjectiveConfig, frames: FrameSelection) -> Float[Tensor, " frames"]:
+    return residual_sum_of_weights(frames.select_out, frames.batch, frames.num_frames, settings.top_k)
 
 
 def _goal(settings: ObjectiveConfig, frames: FrameSelection) -> Float[Tensor, " frames"]:

@@ -2,7 +2,7 @@
 
 Here r is the reward of the observed transition, in [-1, 1], and sigma0 the standard deviation of the rewards that the
 expert's other actions would have earned. The likelihood of a transition is f(r) = r - log Z(r), strictly increasing.
-Source: Jin et al., ICRA 2020, equations 9, 11 and 13 to 15; METHOD, "The exact partition function".
+Source: Jin et al., ICRA 2020, equations 9, 11 and 13 to 15; docs/method.md, The exact partition function.
 """
 
 import math
@@ -16,22 +16,22 @@ from torch import Tensor
 from geoskill.errors import InputError
 
 SIGMA0_RANGE: Final = (1e-3, 1e3)
-"""Standard deviations within which every function here is accurate in float32; beyond it f is a step or a line."""
+"""Standard deviations for which every function here is accurate in float32; beyond them f is a step or a line."""
 
 
 def check_sigma0(sigma0: float) -> None:
-    """Accept a standard deviation of the expert's rewards.
+    """Check a standard deviation of the expert's rewards.
 
     Raises:
-        InputError: it is outside :data:`SIGMA0_RANGE`.
+        InputError: when it is outside :data:`SIGMA0_RANGE`.
     """
     lowest, highest = SIGMA0_RANGE
     if not lowest <= sigma0 <= highest:
-        raise InputError(f"sigma0 is {sigma0}; expected a standard deviation from {lowest:g} to {highest:g}")
+        raise InputError(f"sigma0={sigma0}: expected a standard deviation from {lowest:g} to {highest:g}")
 
 
 def log_partition(reward: Float[Tensor, "*batch"], sigma0: float) -> Float[Tensor, "*batch"]:
-    """The closed form of log Z(r).
+    """Return the closed form of log Z(r).
 
     With a = (-1 - r)/s, b = (1 - r)/s and the normal CDF Φ,
 
@@ -45,7 +45,7 @@ def log_partition(reward: Float[Tensor, "*batch"], sigma0: float) -> Float[Tenso
         sigma0: s, a standard deviation.
 
     Raises:
-        InputError: sigma0 is outside :data:`SIGMA0_RANGE`.
+        InputError: when sigma0 is outside :data:`SIGMA0_RANGE`.
 
     At sigma0 = 2 and r = 0:
 
@@ -61,17 +61,17 @@ def log_partition(reward: Float[Tensor, "*batch"], sigma0: float) -> Float[Tenso
 def sample_truncated_normal(
     reward: Float[Tensor, "*batch"], sigma0: float, samples: int, generator: torch.Generator | None = None
 ) -> Float[Tensor, " samples *batch"]:
-    """Independent draws from N(r, sigma0²) truncated to [-1, 1], by inversion of its CDF; no gradient flows.
+    """Draw independently from N(r, sigma0²) truncated to [-1, 1], by inversion of its CDF; no gradient flows.
 
     Args:
         reward: r in [-1, 1], the mean before truncation.
         sigma0: the standard deviation before truncation.
-        samples: how many of each, along a new first dimension.
-        generator: drawn on its own device and moved, so a generator on the CPU gives the same draws on every device;
-            None for the default one of the reward's device.
+        samples: number of draws per reward, along a new first dimension.
+        generator: draws on its own device, so that one on the CPU gives the same draws for rewards on any device;
+            None for the default generator of the reward's device.
 
     Raises:
-        InputError: sigma0 is outside :data:`SIGMA0_RANGE`.
+        InputError: when sigma0 is outside :data:`SIGMA0_RANGE`.
     """
     check_sigma0(sigma0)
     mean = reward.detach()
@@ -93,10 +93,10 @@ def log_partition_monte_carlo(
     *,
     baseline: bool = False,
 ) -> Float[Tensor, "*batch"]:
-    """An estimate of log Z(r) from samples, as the paper makes it; once differentiable.
+    """Estimate log Z(r) from samples, as the paper does; once differentiable.
 
-    The value comes from s1 samples (equation 13), the gradient from s2 others by the score function (equations 14 and
-    15, with phi read as the normal CDF), divided by the sampled Z.
+    The value comes from s1 samples (equation 13), the gradient from s2 other samples by the score function (equations
+    14 and 15, with phi read as the normal CDF, design choice 7), divided by the sampled Z.
 
     Args:
         reward: r in [-1, 1].
@@ -105,47 +105,49 @@ def log_partition_monte_carlo(
         gradient_samples: s2, at least 1.
         generator: of :func:`sample_truncated_normal`.
         baseline: subtract the first samples' mean of exp(x) from exp(x) in equation 14. The mean score is zero, so
-            the expected gradient of Z stays and the RMSE of the slope about halves (1.8 to 2.4 times less at
-            sigma0 = 0.55).
+            the expected gradient of Z stays, and the RMSE of the slope about halves (docs/method.md, The exact
+            partition function).
 
     Raises:
-        InputError: sigma0 is outside :data:`SIGMA0_RANGE`.
+        InputError: when sigma0 is outside :data:`SIGMA0_RANGE`.
     """
     partition = sample_truncated_normal(reward, sigma0, value_samples, generator).exp().mean(dim=0)
     samples = sample_truncated_normal(reward, sigma0, gradient_samples, generator)
     weights = samples.exp() - partition if baseline else samples.exp()
     slope = (weights * _score(samples, reward.detach(), sigma0)).mean(dim=0) / partition
-    # The bracket is zero: it adds nothing to the value and hands the sampled slope to the gradient.
+    # The bracket is zero: it adds nothing to the value and passes the sampled slope to the gradient.
     return partition.log() + slope * (reward - reward.detach())
 
 
 def sigma0_from_confidence(alpha: float) -> float:
-    """The standard deviation for a demonstrator of confidence alpha: alpha = erf(1 / (sigma0 sqrt 2)).
+    """Return the standard deviation for a demonstrator of confidence alpha: alpha = erf(1 / (sigma0 sqrt 2)).
 
-    The authors' map is unpublished; this one is ours (METHOD #9): alpha is the probability that an untruncated
-    N(0, sigma0²) falls into [-1, 1]. More confidence, smaller sigma0.
+    The authors' map is unpublished; this one is ours (design choice 9, docs/design-choices.md): alpha is the
+    probability that an untruncated N(0, sigma0²) falls into [-1, 1]. More confidence means a smaller sigma0.
 
     Raises:
-        InputError: alpha is not inside (0, 1), or so small that sigma0 leaves :data:`SIGMA0_RANGE`.
+        InputError: when alpha is not inside (0, 1), or so small that sigma0 leaves :data:`SIGMA0_RANGE`.
 
     >>> round(sigma0_from_confidence(0.931), 3)
     0.55
     """
     if not 0 < alpha < 1:
-        raise InputError(f"the confidence alpha is {alpha}; expected a number between 0 and 1, both excluded")
+        raise InputError(f"alpha={alpha}: expected a number between 0 and 1, both excluded")
     # The lower tail (1 - alpha)/2, unlike the upper one, is exact for alpha near 1.
     sigma0 = -1 / NormalDist().inv_cdf((1 - alpha) / 2)
     if sigma0 > SIGMA0_RANGE[1]:
         lowest = confidence_from_sigma0(SIGMA0_RANGE[1])
-        raise InputError(f"the confidence alpha is {alpha}; expected at least {lowest:.2g}")
+        raise InputError(f"alpha={alpha}: expected at least {lowest:.2g}")
     return sigma0
 
 
 def confidence_from_sigma0(sigma0: float) -> float:
-    """Inverse of :func:`sigma0_from_confidence`; rounds to 1 for sigma0 below 0.12.
+    """Return the confidence for a standard deviation, the inverse of :func:`sigma0_from_confidence`.
+
+    Rounds to 1 for sigma0 below 0.12.
 
     Raises:
-        InputError: sigma0 is outside :data:`SIGMA0_RANGE`.
+        InputError: when sigma0 is outside :data:`SIGMA0_RANGE`.
 
     >>> round(confidence_from_sigma0(0.55), 3)
     0.931
@@ -180,7 +182,7 @@ def _value(reward: Tensor, s: float) -> Tensor:
 
 
 def _slope(reward: Tensor, s: float) -> Tensor:
-    """Derivative d log Z / dr = 1 - [φ(b-s) - φ(a-s)] / (s [Φ(b-s) - Φ(a-s)]) + [φ(b) - φ(a)] / (s [Φ(b) - Φ(a)])."""
+    """Return d log Z / dr = 1 - [φ(b-s) - φ(a-s)] / (s [Φ(b-s) - Φ(a-s)]) + [φ(b) - φ(a)] / (s [Φ(b) - Φ(a)])."""
     lower, upper = (-1 - reward) / s, (1 - reward) / s
     inside = (_density(upper - s) - _density(lower - s)) / _central_mass(lower - s, upper - s)
     outside = (1 - _end_ratio(reward, s)) / (math.sqrt(2 * math.pi) * _scaled_tail_mass(reward, s))
@@ -190,7 +192,7 @@ def _slope(reward: Tensor, s: float) -> Tensor:
 
 
 def _score(samples: Tensor, reward: Tensor, s: float) -> Tensor:
-    """Derivative d log p(x; r) / dr of the truncated normal (equation 15)."""
+    """Return d log p(x; r) / dr of the truncated normal (equation 15)."""
     lower, upper = (-1 - reward) / s, (1 - reward) / s
     return (samples - reward) / s**2 + (_density(upper) - _density(lower)) / (s * _central_mass(lower, upper))
 
@@ -200,17 +202,17 @@ def _density(x: Tensor) -> Tensor:
 
 
 def _central_mass(lower: Tensor, upper: Tensor) -> Tensor:
-    """Φ(upper) - Φ(lower) for lower <= 0 <= upper; an upper below 0, which callers discard, is taken as 0."""
+    """Return Φ(upper) - Φ(lower) for lower <= 0 <= upper; an upper below 0, which callers discard, is taken as 0."""
     return (torch.erf(upper.clamp(min=0) / math.sqrt(2)) - torch.erf(lower / math.sqrt(2))) / 2
 
 
 def _end_ratio(reward: Tensor, s: float) -> Tensor:
-    """φ(a - s) / φ(b - s) = exp(-2 (r + s²) / s²), for r + s² >= 1."""
+    """Return φ(a - s) / φ(b - s) = exp(-2 (r + s²) / s²), for r + s² >= 1."""
     return torch.exp(-2 * (reward + s**2).clamp(min=1) / s**2)
 
 
 def _scaled_tail_mass(reward: Tensor, s: float) -> Tensor:
-    """[Φ(b - s) - Φ(a - s)] exp((b - s)² / 2), for r + s² >= 1, where both ends are in the lower tail."""
+    """Return [Φ(b - s) - Φ(a - s)] exp((b - s)² / 2) for r + s² >= 1, where both ends are in the lower tail."""
     near = (s - (1 - reward) / s).clamp(min=0) / math.sqrt(2)
     far = (s + (1 + reward) / s) / math.sqrt(2)
     mass: Tensor = (torch.special.erfcx(near) - _end_ratio(reward, s) * torch.special.erfcx(far)) / 2

@@ -1,7 +1,7 @@
 """The reward of a transition between two frames: positive when the selected control error decreases.
 
 ``batch`` is the sorted frame number of each of the ``m`` instances; a frame without any instance yields 0.
-Source: Jin et al., ICRA 2020, equations 6 and 7; METHOD, settled points 2, 11 and 12.
+Source: Jin et al., ICRA 2020, equations 6 and 7; design choices 2, 11 and 12 (docs/design-choices.md).
 """
 
 import torch
@@ -16,11 +16,13 @@ from geoskill.geometry.control_errors import error_norm
 def reward(
     change: Float[Tensor, "*batch"], beta: float | Float[Tensor, ""] | Float[Tensor, "*batch"]
 ) -> Float[Tensor, "*batch"]:
-    """Equation 7, r = 2 / (1 + exp(beta · change)) - 1 in [-1, 1], as -tanh(beta · change / 2), which cannot overflow.
+    """Return r = 2 / (1 + exp(beta · change)) - 1 in [-1, 1] (equation 7).
+
+    Computed as -tanh(beta · change / 2), which cannot overflow (design choice 11).
 
     Args:
-        change: of the control error's norm, later minus earlier, in the error's unit.
-        beta: inverse of that unit, positive (:func:`beta_from_changes`).
+        change: of the control error, later minus earlier; negative for an approach (:func:`error_change`).
+        beta: in the inverse of the change's unit, positive (:func:`beta_from_changes`).
 
     An error that falls by 2 px at beta = 1 / px earns tanh(1):
 
@@ -33,7 +35,9 @@ def reward(
 def tracked_change(
     select_out: Float[Tensor, " m"], change: Float[Tensor, " m"], batch: Int[Tensor, " m"], num_frames: int
 ) -> Float[Tensor, " frames"]:
-    """sum_i g_i delta_i of each frame, where delta_i is the change of its own tracked instance i (METHOD, "tracked").
+    """Return sum_i g_i delta_i of each frame, where delta_i is the change of its own tracked instance i.
+
+    See docs/method.md, Reward, "tracked".
 
     >>> tracked_change(torch.tensor([0.25, 0.75]), torch.tensor([-8.0, 4.0]), torch.tensor([0, 0]), num_frames=2)
     tensor([1., 0.])
@@ -48,18 +52,18 @@ def overall_error(
     num_frames: int,
     reduction: str,
 ) -> Float[Tensor, " frames"]:
-    """Magnitude of each frame's overall control error Ec (equation 6), in the error's unit.
+    """Return the magnitude of each frame's overall control error Ec (equation 6), in the error's unit.
 
     Args:
         select_out: g of every instance.
-        errors: its control error E.
-        batch: its frame, sorted.
-        num_frames: frames, those without any instance included.
-        reduction: ``norm`` for sum_i g_i norm(E_i), which instances without a sign need (METHOD #2); ``vector`` for
-            the literal norm(sum_i g_i E_i), whose gradient is zero where the sum vanishes.
+        errors: control error E of every instance.
+        batch: frame of every instance, sorted.
+        num_frames: number of frames, those without any instance included.
+        reduction: ``norm`` for sum_i g_i norm(E_i), which instances without a sign need (design choice 2);
+            ``vector`` for the paper's literal norm(sum_i g_i E_i), whose gradient is zero where the sum vanishes.
 
     Raises:
-        InputError: the reduction is neither.
+        InputError: when the reduction is neither.
 
     >>> halves, opposite = torch.tensor([0.5, 0.5]), torch.tensor([[3.0, 4.0], [-3.0, -4.0]])
     >>> overall_error(halves, opposite, torch.tensor([0, 0]), 1, "norm")
@@ -71,51 +75,51 @@ def overall_error(
         return _sum_by_frame(select_out * error_norm(errors), batch, num_frames)
     if reduction == "vector":
         return error_norm(_sum_by_frame(select_out[:, None] * errors, batch, num_frames))
-    raise InputError(f"error_reduction is {reduction!r}; expected norm or vector")
+    raise InputError(f"reduction={reduction}: expected one of norm, vector")
 
 
 def error_change(
-    before: Float[Tensor, " m"], after: Float[Tensor, " m"], kind: str, resolution: float
+    before: Float[Tensor, " m"], after: Float[Tensor, " m"], change: str, resolution: float
 ) -> Float[Tensor, " m"]:
-    """By how much each instance's error norm changes between two frames; exchanging them flips the sign.
+    """Return by how much the error norm of each instance changes between two frames; exchanging them flips the sign.
 
     Args:
         before: norm of the control error at the earlier frame.
-        after: the same at the later one.
-        kind: ``absolute`` is after - before, the paper's (equation 7). ``relative`` divides it by the sum of both: an
-            object that arrives at its target halves its distance again and again, a hand that carries it, or a mark
-            that it passes, does not, although both come as many pixels closer.
-        resolution: error that is within what detection can resolve, in the error's unit. Weighs down the relative
-            change of instances that are together all the time.
+        after: norm at the later frame.
+        change: ``absolute`` is after - before, as in the paper (equation 7). ``relative`` divides that by the sum of
+            both norms: an object that reaches its target halves its distance again and again, while the hand that
+            carries it, or a mark that it passes, does not, although both come as many pixels closer.
+        resolution: error within what detection can resolve, in the error's unit. It damps the relative change of
+            instances that are together all the time.
 
     Raises:
-        InputError: the kind is neither.
+        InputError: when the change is neither.
 
     >>> before, after = torch.tensor([96.0, 96.0]), torch.tensor([0.0, 48.0])
     >>> error_change(before, after, "relative", resolution=1.0)
     tensor([-0.9600, -0.3243])
     """
-    if kind == "absolute":
+    if change == "absolute":
         return after - before
-    if kind == "relative":
-        # Two features at rest are measured with an error of about the resolution each, at both ends of the span.
+    if change == "relative":
+        # The features of an instance at rest are each off by about the resolution, at both ends of the span.
         return (after - before) / (after + before + 4.0 * resolution)
-    raise InputError(f"change is {kind!r}; expected relative or absolute")
+    raise InputError(f"change={change}: expected one of relative, absolute")
 
 
 def beta_from_changes(
     changes: Float[Tensor, " m"], moving: Bool[Tensor, " m"], scale: float = 1.5
 ) -> Float[Tensor, ""]:
-    """Beta = scale / median(abs(change)) over the instances that move: the median node_order earns tanh(scale / 2).
+    """Return scale / median(abs(change)) over the moving instances: a median one that approaches earns tanh(scale / 2).
 
     Args:
-        changes: of all instances of one demonstration, tracked over one span (:func:`error_change`).
-        moving: which of them change by more than detection can resolve.
-        scale: the constant c of METHOD #12.
+        changes: of all instances of a demonstration, tracked over one span of time (:func:`error_change`).
+        moving: whether each of them changes by more than detection can resolve.
+        scale: the constant c of design choice 12.
 
     Returns:
-        beta in the inverse of the changes' unit; the median of an even number is the mean of the middle two. 0 when
-        nothing moves, so that such a span earns no reward.
+        Beta in the inverse of the changes' unit; 0 when nothing moves, so that such a span earns no reward. The median
+        of an even number of values is the mean of the middle two.
 
     >>> beta_from_changes(torch.tensor([0.5, -2.0, 4.0, 0.0]), torch.tensor([False, True, True, False]))
     tensor(0.5000)

@@ -1,19 +1,16 @@
-"""Conditions of a recording: who performs the task, and which difficulties there are."""
+"""What a scenario makes of a recording: where the target may lie, and how the camera moves."""
 
 import math
-from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from jaxtyping import Float64
 
-from geoskill.errors import InputError
+from geoskill.config import ScenarioConfig
 from geoskill.geometry.camera import look_at
 from geoskill.geometry.poses import Pose, rotation_about
 from geoskill.simulation.motion import minimum_jerk
 from geoskill.simulation.tasks.task import PlacementRange
 
-ACTORS = ("human", "robot")
 # Applies to every recording, since nobody puts things twice in the same place.
 USUAL_TARGET_RANGE = PlacementRange(0.012, 0.012, math.radians(8))
 RANDOM_TARGET_RANGE = PlacementRange(0.045, 0.035, math.radians(35))
@@ -27,49 +24,13 @@ CAMERA_TARGET = np.array([0.02, 0.02, 0.02])
 ASIDE_BEGIN, ASIDE_END, ASIDE_TURN, ASIDE_RAD = 0.06, 0.62, 0.12, math.radians(52)
 
 
-@final
-@dataclass(frozen=True)
-class Conditions:
-    """Conditions of a recording (the scenarios of Fig. 8 in the paper).
-
-    Attributes:
-        actor: ``human`` or ``robot``.
-        confidence: of a human demonstrator, in (0, 1]; low values cause deviations, hesitations and tremor.
-        random_target: the table is another one, and the target may be anywhere on it.
-        move_camera: the camera turns about the scene and shifts during the recording.
-        occlusion: an occluder passes in front of the target.
-        outside_fov: the object leaves the image and comes back, because it is carried out or the camera pans aside.
-        illumination: the room is dark, and a lamp moves about in it.
-        severity: of all these difficulties, from 0 (none) over 1 (as described) to 1.5.
-
-    Raises:
-        InputError: when the actor is unknown, or the confidence or the severity is out of range.
-    """
-
-    actor: str
-    confidence: float = 0.93
-    random_target: bool = False
-    move_camera: bool = False
-    occlusion: bool = False
-    outside_fov: bool = False
-    illumination: bool = False
-    severity: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.actor not in ACTORS:
-            raise InputError(f"scenario.actor={self.actor}: expected {' or '.join(ACTORS)}")
-        if not 0 < self.confidence <= 1:
-            raise InputError(f"scenario.confidence={self.confidence}: expected more than 0 and at most 1")
-        if not 0 <= self.severity <= 1.5:
-            raise InputError(f"scenario.severity={self.severity}: expected 0 to 1.5")
-
-    def target_range(self) -> PlacementRange:
-        """Return the range of the target's placement about its usual one."""
-        return RANDOM_TARGET_RANGE.scaled(self.severity) if self.random_target else USUAL_TARGET_RANGE
+def target_range(scenario: ScenarioConfig) -> PlacementRange:
+    """Return the range of the target's placement about its usual one."""
+    return RANDOM_TARGET_RANGE.scaled(scenario.severity) if scenario.random_target else USUAL_TARGET_RANGE
 
 
 def camera_trajectory(
-    conditions: Conditions, frames: int, rng: np.random.Generator
+    scenario: ScenarioConfig, frames: int, rng: np.random.Generator
 ) -> Float64[np.ndarray, "frames 4 4"]:
     """Return the camera's pose on every frame: at rest near its usual place, or turning about the scene.
 
@@ -78,13 +39,13 @@ def camera_trajectory(
     """
     position = CAMERA_POSITION + rng.uniform(-0.015, 0.015, 3)
     target = CAMERA_TARGET + rng.uniform(-0.01, 0.01, 3)
-    if not conditions.move_camera:
+    if not scenario.move_camera:
         return np.repeat(look_at(position, target)[None], frames, axis=0)
     side = rng.choice([-1.0, 1.0])
-    azimuth = side * conditions.severity * math.radians(rng.uniform(18, 24))
+    azimuth = side * scenario.severity * math.radians(rng.uniform(18, 24))
     # The camera looks down: seen from behind, the opposite roll adds to the turn about the vertical.
-    roll = -side * conditions.severity * math.radians(rng.uniform(8, 14))
-    shift = conditions.severity * rng.uniform(-0.03, 0.03, 3)
+    roll = -side * scenario.severity * math.radians(rng.uniform(8, 14))
+    shift = scenario.severity * rng.uniform(-0.03, 0.03, 3)
     trajectory: list[Pose] = []
     for progress in minimum_jerk(np.linspace(0, 1, frames)):
         cosine, sine = math.cos(progress * azimuth), math.sin(progress * azimuth)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
+from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, back_project, project
 from geoskill.geometry.poses import Pose, inverse, pose, transform
@@ -15,7 +16,7 @@ from geoskill.simulation.actors.actor import BODY as ACTOR
 from geoskill.simulation.actors.actor import Actor
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
-from geoskill.simulation.conditions import START_RANGE, Conditions, camera_trajectory, pan_aside
+from geoskill.simulation.conditions import START_RANGE, camera_trajectory, pan_aside, target_range
 from geoskill.simulation.environment import (
     LAMP,
     OCCLUDER,
@@ -47,7 +48,7 @@ class RecordingSettings:
 
     Attributes:
         task: the task to perform.
-        conditions: who performs it, and which difficulties there are.
+        scenario: who performs it, and which difficulties there are.
         seed: of the appearance of things: prints and colors.
         episode: name of the recording, which seeds everything else, such as placements, path and speed.
         stride: every ``stride``-th frame and the last one are rendered; things move on all of them.
@@ -58,7 +59,7 @@ class RecordingSettings:
     """
 
     task: Task
-    conditions: Conditions
+    scenario: ScenarioConfig
     seed: int
     episode: str
     stride: int = 1
@@ -76,43 +77,43 @@ def record(settings: RecordingSettings) -> Recording:
     Raises:
         InputError: when no OpenGL context is available.
     """
-    conditions = settings.conditions
-    hard = conditions.severity > 0
+    scenario = settings.scenario
+    hard = scenario.severity > 0
     # The strings only seed the generators; changing one changes every recording.
     episode_rng = generator(settings.seed, settings.task.name, "take", settings.episode)
     frames = int(episode_rng.integers(80, 111))
     spec = mujoco.MjSpec()
     add_camera(spec, WIDTH, HEIGHT)
-    darkness = 0.0 if not conditions.illumination else conditions.severity
-    room = settings.episode if conditions.random_target else "usual"
+    darkness = 0.0 if not scenario.illumination else scenario.severity
+    room = settings.episode if scenario.random_target else "usual"
     add_table(spec, generator(settings.seed, "table", room))
     add_light(spec, min(1.0, darkness), generator(settings.seed, "light", settings.episode))
     scene = settings.task.build(
         spec,
-        conditions.target_range().sample_around(PlanarPose(0, 0, 0), episode_rng),
+        target_range(scenario).sample_around(PlanarPose(0, 0, 0), episode_rng),
         START_RANGE.sample_around(PlanarPose(0, 0, 0), episode_rng),
         generator(settings.seed, settings.task.name, "looks"),
         episode_rng,
     )
-    actor: Actor = Hand() if conditions.actor == "human" else Gripper()
+    actor: Actor = Hand() if scenario.actor == "human" else Gripper()
     actor.add(spec, scene.grip, generator(settings.seed, "actor", settings.episode))
     intrinsics = camera_intrinsics(WIDTH, HEIGHT)
-    camera_poses = camera_trajectory(conditions, frames, episode_rng)
+    camera_poses = camera_trajectory(scenario, frames, episode_rng)
     path = PathSpec(scene.start, scene.goal, scene.approach, scene.height)
-    if conditions.outside_fov and hard and scene.cloth is None:
-        path = replace(path, detour=_outside(intrinsics, camera_poses[0], conditions, path))
-    if conditions.actor == "human":
-        motion = human_motion(path, frames, conditions.confidence, episode_rng)
+    if scenario.outside_fov and hard and scene.cloth is None:
+        path = replace(path, detour=_outside(intrinsics, camera_poses[0], scenario, path))
+    if scenario.actor == "human":
+        motion = human_motion(path, frames, scenario.confidence, episode_rng)
     else:
         motion = robot_motion(path, frames)
     trajectories: dict[str, Trajectory] = {}
-    if conditions.occlusion and hard:
+    if scenario.occlusion and hard:
         add_occluder(spec, generator(settings.seed, "cover", settings.episode))
-        trajectories[OCCLUDER] = _occluder(conditions, camera_poses, intrinsics, scene, episode_rng)
+        trajectories[OCCLUDER] = _occluder(scenario, camera_poses, intrinsics, scene, episode_rng)
     if darkness > 0:
         trajectories[LAMP] = lamp_trajectory(frames, episode_rng)
-    if conditions.outside_fov and hard and scene.cloth is not None:
-        camera_poses = pan_aside(camera_poses, conditions.severity)  # a cloth on the table cannot be carried away
+    if scenario.outside_fov and hard and scene.cloth is not None:
+        camera_poses = pan_aside(camera_poses, scenario.severity)  # a cloth on the table cannot be carried away
     script = _Script(motion, actor, intrinsics, camera_poses, trajectories)
     return _play(spec, scene, script, episode_rng, settings.stride)
 
@@ -130,24 +131,24 @@ class _Script:
 
 
 def _outside(
-    intrinsics: PinholeCamera, camera_pose: Pose, conditions: Conditions, path: PathSpec
+    intrinsics: PinholeCamera, camera_pose: Pose, scenario: ScenarioConfig, path: PathSpec
 ) -> Float64[np.ndarray, "3"]:
     """Return a point to the right of the image, far enough for an object of the usual size to be invisible there."""
     view = replace(intrinsics, pose=camera_pose)
     pixels, depth = project(view, path.start[None, :3, 3] + np.array([0.0, 0.0, path.height]))
-    column = pixels[0, 0] + conditions.severity * (1.22 * intrinsics.width - pixels[0, 0])
+    column = pixels[0, 0] + scenario.severity * (1.22 * intrinsics.width - pixels[0, 0])
     return np.asarray(back_project(view, np.array([[column, pixels[0, 1]]]), depth)[0])
 
 
 def _occluder(
-    conditions: Conditions,
+    scenario: ScenarioConfig,
     camera_poses: Trajectory,
     intrinsics: PinholeCamera,
     scene: TaskScene,
     episode_rng: np.random.Generator,
 ) -> Trajectory:
     corners = transform(scene.goal, scene.extent)
-    coverage = min(1.0, 0.72 * conditions.severity)
+    coverage = min(1.0, 0.72 * scenario.severity)
     begin = episode_rng.uniform(0.05, 0.25)
     return occluder_trajectory(camera_poses, intrinsics, corners, Occlusion(coverage, begin, begin + 0.62), -1.0)
 

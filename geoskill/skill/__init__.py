@@ -1,1 +1,1 @@
-"""A learned skill: load it, infer with it, describe it."""
+"""Learned skills: loading, inference, selection over time, and the readable task definition."""

@@ -1,4 +1,4 @@
-"""What a skill says about one frame: the associations it selected and their control errors."""
+"""Result of inference on one frame: the selected associations and their control errors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
 
 
 @final
@@ -17,9 +17,12 @@ class Node:
     """One feature of an association.
 
     Attributes:
-        node_type: what it is.
+        node_type: point or line.
         coordinates: x, y of a point or x1, y1, x2, y2 of a line, in pixels.
-        feature: its row in the feature set it comes from, or None where that is not known.
+        feature: row in the feature set that the node was detected in, or None where it was not detected.
+
+    Raises:
+        ValueError: when the number of coordinates does not fit the node type.
     """
 
     node_type: NodeType
@@ -33,12 +36,12 @@ class Node:
 
     @property
     def center(self) -> tuple[float, float]:
-        """The point itself, or the midpoint of the segment."""
-        xy = np.reshape(self.coordinates, (-1, 2)).mean(axis=0)
+        """The point itself, or the midpoint of the segment, in pixels."""
+        xy = centers(np.array([self.coordinates], np.float64))[0]
         return float(xy[0]), float(xy[1])
 
     def as_json(self) -> dict[str, Any]:
-        """The node as it stands in ``associations.jsonl``."""
+        """Return the node as written to ``associations.jsonl``."""
         xy = [round(coordinate, 3) for coordinate in self.coordinates]
         if self.node_type is NodeType.LINE:
             x1, y1, x2, y2 = xy
@@ -46,26 +49,26 @@ class Node:
         return {"type": str(self.node_type), "xy": xy}
 
 
-Follow = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]
-"""Where features of a type lie in another frame, and which of them could be followed."""
+Track = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]
+"""Function from features of one type to their positions in another frame, and whether each could be tracked."""
 
 
-def follow_nodes(nodes: Sequence[Node], follow: Follow) -> tuple[Node, ...] | None:
-    """Nodes where they lie in another frame, or None when one of them could not be followed there.
+def track_nodes(nodes: Sequence[Node], track: Track) -> tuple[Node, ...] | None:
+    """Return the nodes at their positions in another frame, or None when one of them could not be tracked.
 
-    They are no detected features there. A line's place along itself is uncertain
-    (:func:`geoskill.tracking.flow.track_dense`).
+    The returned nodes have no ``feature``, since they were not detected there. The position of a line along itself is
+    uncertain (:func:`geoskill.tracking.flow.track_dense`).
     """
-    moved = list(nodes)
+    tracked_nodes = list(nodes)
     for node_type in dict.fromkeys(node.node_type for node in nodes):
-        places = [place for place, node in enumerate(nodes) if node.node_type is node_type]
-        geometry = np.array([nodes[place].coordinates for place in places], np.float32)
-        geometry, followed = follow(node_type, geometry)
-        if not followed.all():
+        indices = [index for index, node in enumerate(nodes) if node.node_type is node_type]
+        geometry = np.array([nodes[index].coordinates for index in indices], np.float32)
+        geometry, tracked = track(node_type, geometry)
+        if not tracked.all():
             return None
-        for place, row in zip(places, geometry.tolist(), strict=True):
-            moved[place] = Node(node_type, tuple(row))
-    return tuple(moved)
+        for index, row in zip(indices, geometry.tolist(), strict=True):
+            tracked_nodes[index] = Node(node_type, tuple(row))
+    return tuple(tracked_nodes)
 
 
 @final
@@ -74,17 +77,19 @@ class Association:
     """One selected instance of a kernel.
 
     Attributes:
-        kernel: the kernel's name, such as ``p2p``.
-        descriptor: the extractors of its nodes, such as ``sift`` or ``sift+lbd``.
-        rank: 1 for the instance with the largest select-out of its kernel, or for the one that is kept from the frame
-            before (:class:`geoskill.skill.temporal_filter.TemporalFilter`).
-        confidence: the probability that it is right, in [0, 1] (:mod:`geoskill.model.confidence`).
-        weight: the select-out g, its share of the frame's selection; of all instances of a kernel they sum to 1.
+        member: name of the ensemble member that selected it, such as ``p2p_sift`` or ``p2l_sift_lbd``.
+        kernel: name of the kernel, such as ``p2p``.
+        descriptor: extractors of its nodes, such as ``sift`` or ``sift+lbd``.
+        rank: 1 for the instance with the largest select-out of its member, or for the one kept from the previous frame
+            (:class:`geoskill.skill.temporal_filter.TemporalFilter`).
+        confidence: probability that it is right, in [0, 1] (:mod:`geoskill.model.confidence`).
+        weight: select-out g, in [0, 1]; those of all instances of a member in a frame sum to 1.
         nodes: the features it joins.
-        error: the kernel's control error (see the kernel for sign and dimension).
-        unit: of the error, as it is printed.
+        error: control error of the kernel (see the kernel for sign and dimension).
+        unit: unit of the error, as printed.
     """
 
+    member: str
     kernel: str
     descriptor: str
     rank: int
@@ -94,13 +99,8 @@ class Association:
     error: tuple[float, ...]
     unit: str = "px"
 
-    @property
-    def member(self) -> tuple[str, str]:
-        """Which member of the ensemble selected it: kernel and descriptor."""
-        return self.kernel, self.descriptor
-
     def as_json(self) -> dict[str, Any]:
-        """The part of its line in ``associations.jsonl`` that does not depend on the frame."""
+        """Return the association as written to ``associations.jsonl``, without the frame's number and time."""
         return {
             "kernel": self.kernel,
             "descriptor": self.descriptor,
@@ -115,42 +115,49 @@ class Association:
 @final
 @dataclass(frozen=True, eq=False)
 class InferenceResult:
-    """The selected associations of one frame.
+    """Selected associations of one frame.
 
     Attributes:
-        associations: the best of every ensemble member, in the order of the members, then by rank; the first one is
-            the first member's top association.
-        features: what each extractor found, by the extractor's name.
-        reasons: for each (kernel, descriptor) that selects nothing, why.
+        associations: the best associations of every ensemble member, in the order of the members, then by rank; the
+            first one is the first member's top association.
+        features: detected features, by the extractor's name.
+        reasons: why a member selects nothing, by the member's name; members that select something have no entry.
     """
 
     associations: tuple[Association, ...]
     features: Mapping[str, FeatureSet] = field(default_factory=dict)
-    reasons: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def error(self) -> np.ndarray:
-        """``[d]``, the control errors of the members' top associations one after another, float64.
+        """``[d]``, float64, the control errors of the members' top associations, concatenated.
 
         Members that select nothing contribute nothing.
         """
-        return np.concatenate([np.zeros(0), *(each.error for each in self.associations if each.rank == 1)])
+        top_errors = (association.error for association in self.associations if association.rank == 1)
+        return np.concatenate([np.zeros(0), *top_errors])
 
 
-def abstain_below(result: InferenceResult, least: float) -> InferenceResult:
-    """What is selected of a frame when a member says nothing rather than what it is not sure of.
+def abstain_below(result: InferenceResult, min_confidence: float) -> InferenceResult:
+    """Return the result without the associations of members whose top association is not confident enough.
 
     Args:
-        result: of the frame.
-        least: the confidence that a member's top association must have for the member to select any.
+        result: result of one frame.
+        min_confidence: smallest confidence of a member's top association, in [0, 1], with which the member selects any.
     """
-    doubtful = {each.member: each.confidence for each in result.associations if each.rank == 1}
-    doubtful = {member: confidence for member, confidence in doubtful.items() if confidence < least}
+    confidences = {
+        association.member: association.confidence for association in result.associations if association.rank == 1
+    }
+    doubtful = {member: confidence for member, confidence in confidences.items() if confidence < min_confidence}
     if not doubtful:
         return result
-    kept = tuple(each for each in result.associations if each.member not in doubtful)
     reasons = {
-        member: f"no association visible: the selected one has a confidence of {confidence:.2g}, less than {least:g}"
+        member: "no association visible: the selected one has a confidence of"
+        f" {confidence:.2g}, less than {min_confidence:g}"
         for member, confidence in doubtful.items()
     }
-    return replace(result, associations=kept, reasons={**result.reasons, **reasons})
+    return replace(
+        result,
+        associations=tuple(association for association in result.associations if association.member not in doubtful),
+        reasons={**result.reasons, **reasons},
+    )

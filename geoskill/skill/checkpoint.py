@@ -19,7 +19,7 @@ import torch
 from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
 from geoskill.io.atomic import atomic_open
-from geoskill.schema import as_plain
+from geoskill.schema import WORDS, as_plain
 from geoskill.skill.spec import SkillSpec, mapping_of, text_of
 
 CHECKPOINT = "skill.ckpt"
@@ -46,7 +46,11 @@ class SimulatedScene:
         scenario = mapping_of(entries["scenario"], "provenance.scene.scenario", _names(ScenarioConfig))
         if type(entries["seed"]) is not int:
             raise InputError(f"the skill's provenance.scene.seed is {entries['seed']!r}; expected a whole number")
-        return cls(text_of(entries["task"], "provenance.scene.task"), entries["seed"], ScenarioConfig(**scenario))
+        try:
+            conditions = ScenarioConfig(**scenario)
+        except InputError as error:
+            raise InputError(f"the skill's provenance.scene.scenario: {error}") from error
+        return cls(text_of(entries["task"], "provenance.scene.task"), entries["seed"], conditions)
 
 
 @final
@@ -88,7 +92,7 @@ class Provenance:
         entries = mapping_of(value, "provenance", _names(cls))
         for name, kind in (("date", str), ("version", str), ("seed", int), ("finished", bool)):
             if type(entries[name]) is not kind:
-                raise InputError(f"the skill's provenance.{name} is {entries[name]!r}; expected {kind.__name__}")
+                raise InputError(f"the skill's provenance.{name} is {entries[name]!r}; expected {WORDS[kind]}")
         sizes = {name: _integers(entries[name], f"provenance.{name}") for name in ("image_size", "epochs")}
         if not isinstance(entries["sources"], list):
             raise InputError(f"the skill's provenance.sources are {entries['sources']!r}; expected a list")
@@ -179,7 +183,10 @@ def _located(reference: str) -> Path:
     if reference.startswith(WANDB_PREFIX):
         return _from_wandb(reference)
     path = Path(reference).expanduser()
-    path = path / CHECKPOINT if path.is_dir() else path
+    return _existing(path / CHECKPOINT if path.is_dir() else path)
+
+
+def _existing(path: Path) -> Path:
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected the skill.ckpt of a training run, or its folder")
     return path
@@ -196,7 +203,7 @@ def _from_wandb(reference: str) -> Path:
     except Exception as error:  # not reachable, not logged in, not there: wandb raises a dozen kinds of errors
         message = " ".join(str(error).split())[:200]
         raise InputError(f"{reference}: cannot be fetched ({message}); expected the artifact of a training") from error
-    return Path(folder) / CHECKPOINT
+    return _existing(Path(folder) / CHECKPOINT)
 
 
 def _names(schema: type) -> list[str]:

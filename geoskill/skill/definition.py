@@ -1,6 +1,6 @@
-"""The readable definition of a task: which features belong together, how surely, and what that constrains."""
+"""Readable definition of a task: associated features, confidence, and constrained degrees of freedom."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
@@ -11,40 +11,43 @@ from geoskill.kernels.kernel import automorphisms
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult
 
-# Cosine of two descriptors from which they count as views of one feature. Two frames of the same SIFT keypoint are
-# mostly above 0.85, two unrelated ones below 0.6.
-SAME_FEATURE = 0.75
-LISTED = 5
+# Smallest cosine of two descriptors that count as views of one feature. Two frames of one SIFT keypoint are mostly
+# above 0.85, two unrelated keypoints below 0.6.
+MIN_SIMILARITY = 0.75
+# Groups of associations listed for each member.
+MAX_LISTED = 5
 
 
 @final
 @dataclass(eq=False)
 class _Group:
-    """Top associations of several frames that join the same two features."""
+    """Top associations of several frames that join the same features."""
 
-    descriptors: list[Float32[np.ndarray, " _"]]
+    descriptors: Sequence[Float32[np.ndarray, " _"]]
     best: Association
     best_frame: int
-    frames: int = 1
-    confidence: float = 0.0
+    frames: int = 0
+    confidence_sum: float = 0.0
 
 
 @final
 @dataclass(eq=False)
 class _MemberHistory:
+    """Top associations of one member over the frames so far."""
+
     frames: int = 0
     confidences: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
     groups: list[_Group] = field(default_factory=list)
-    last: _Group | None = None
+    last_group: _Group | None = None
 
 
 @final
 class TaskDefinition:
-    """Collects the inferences of a video, frame by frame, and sums them up.
+    """Summary of the inference results of a video, collected frame by frame.
 
     Args:
-        members: the members of the skill, by name.
+        members: members of the skill, by name.
     """
 
     def __init__(self, members: Mapping[str, KernelModel]) -> None:
@@ -52,33 +55,34 @@ class TaskDefinition:
         self._history = {name: _MemberHistory() for name in members}
 
     def add(self, frame_index: int, result: InferenceResult) -> None:
-        """Take in one frame."""
+        """Add the result of one frame."""
         top = {association.member: association for association in result.associations if association.rank == 1}
         for name, member in self._members.items():
             history = self._history[name]
             history.frames += 1
-            association = top.get((member.kernel.name, member.descriptor))
+            association = top.get(name)
             if association is None:
                 continue
             history.confidences.append(association.confidence)
             history.errors.append(float(np.linalg.norm(association.error)))
-            sets = [result.features[member.extractors[role]] for role in member.kernel.roles]
-            rows = [node.feature for node in association.nodes if node.feature is not None]
-            if len(rows) == len(sets):
-                descriptors = [found.descriptors[row] for found, row in zip(sets, rows, strict=True)]
-                history.last = _group_of(
-                    history.groups, descriptors, association, frame_index, automorphisms(member.kernel)
-                )
-            # One that was kept though not all of its features were detected is the same as before.
-            if history.last is not None:
-                history.last.frames += 1
-                history.last.confidence += association.confidence
+            descriptors = [
+                result.features[member.extractors[role]].descriptors[node.feature]
+                for role, node in zip(member.kernel.roles, association.nodes, strict=True)
+                if node.feature is not None
+            ]
+            if len(descriptors) == len(association.nodes):
+                orders = automorphisms(member.kernel)
+                history.last_group = _matching_group(history.groups, descriptors, association, frame_index, orders)
+            # An association kept over a frame in which one of its features is not detected stays in its group.
+            if history.last_group is not None:
+                history.last_group.frames += 1
+                history.last_group.confidence_sum += association.confidence
 
     def as_dict(self) -> dict[str, Any]:
-        """The definition in plain values, as in ``skill.yaml``.
+        """Return the definition in plain values, as written to ``skill.yaml``.
 
-        Error norms ``at_start`` and ``at_end`` are medians over the first and the last tenth of the frames that have an
-        association. ``share`` is the part of all frames in which an association, or another view of it, is the top one.
+        The error norms ``at_start`` and ``at_end`` are medians over the first and the last tenth of the frames that
+        have an association. ``share`` is the fraction of all frames whose top association joins the same features.
         """
         members = {name: self._member(name, member) for name, member in self._members.items()}
         return {
@@ -88,51 +92,55 @@ class TaskDefinition:
 
     def _member(self, name: str, member: KernelModel) -> dict[str, Any]:
         history = self._history[name]
-        seen = len(history.errors)
-        tenth = max(1, seen // 10)
+        num_associated = len(history.errors)
+        tenth = max(1, num_associated // 10)
         groups = sorted(history.groups, key=lambda group: -group.frames)
         return {
             "kernel": member.kernel.name,
             "meaning": member.kernel.meaning,
             "descriptor": member.descriptor,
-            "constrains": member.kernel.error_dim if seen else 0,
+            "constrains": member.kernel.error_dim if num_associated else 0,
             "frames": history.frames,
-            "frames_with_association": seen,
-            "mean_confidence": round(float(np.mean(history.confidences)), 4) if seen else None,
+            "frames_with_association": num_associated,
+            "mean_confidence": round(float(np.mean(history.confidences)), 4) if num_associated else None,
             "error_norm": {
-                "at_start": round(float(np.median(history.errors[:tenth])), 3) if seen else None,
-                "at_end": round(float(np.median(history.errors[-tenth:])), 3) if seen else None,
+                "at_start": round(float(np.median(history.errors[:tenth])), 3) if num_associated else None,
+                "at_end": round(float(np.median(history.errors[-tenth:])), 3) if num_associated else None,
             },
             "associations": [
                 {
                     "share": round(group.frames / history.frames, 4),
-                    "mean_confidence": round(group.confidence / group.frames, 4),
+                    "mean_confidence": round(group.confidence_sum / group.frames, 4),
                     "seen_best_in_frame": group.best_frame,
                     "nodes": [node.as_json() for node in group.best.nodes],
                 }
-                for group in groups[:LISTED]
+                for group in groups[:MAX_LISTED]
             ],
         }
 
 
-def _group_of(
+def _matching_group(
     groups: list[_Group],
-    descriptors: list[Float32[np.ndarray, " _"]],
+    descriptors: Sequence[Float32[np.ndarray, " _"]],
     association: Association,
     frame_index: int,
     orders: tuple[tuple[int, ...], ...],
 ) -> _Group:
-    """The group that an association resembles most, or one that it founds."""
-    best, likeness = None, SAME_FEATURE
+    """Return the group most similar to the association, or a new one added to ``groups`` where none is similar enough.
+
+    The similarity is that of the least similar pair of descriptors, in the best of the ``orders`` of the nodes. A group
+    is represented by its most confident association.
+    """
+    matching, best_similarity = None, MIN_SIMILARITY
     for group in groups:
         for order in orders:
-            pairs = zip((descriptors[i] for i in order), group.descriptors, strict=True)
-            alike = min(float(own @ other) for own, other in pairs)
-            if alike > likeness:
-                best, likeness = group, alike
-    if best is None:
-        best = _Group(descriptors, association, frame_index, frames=0)
-        groups.append(best)
-    if association.confidence > best.best.confidence:
-        best.descriptors, best.best, best.best_frame = descriptors, association, frame_index
-    return best
+            pairs = zip((descriptors[node] for node in order), group.descriptors, strict=True)
+            similarity = min(float(descriptor @ group_descriptor) for descriptor, group_descriptor in pairs)
+            if similarity > best_similarity:
+                matching, best_similarity = group, similarity
+    if matching is None:
+        matching = _Group(descriptors, association, frame_index)
+        groups.append(matching)
+    if association.confidence > matching.best.confidence:
+        matching.descriptors, matching.best, matching.best_frame = descriptors, association, frame_index
+    return matching

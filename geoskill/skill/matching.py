@@ -1,69 +1,71 @@
-"""Whether two detections are of the same feature, and two associations of the same features."""
+"""Tests of whether two nodes are the same feature, and two associations join the same features."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float64
 
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.segments import distance_to_segment
 from geoskill.kernels.kernel import Kernel, automorphisms
 from geoskill.skill.association import Node
 
 TOLERANCE_PX = 3.0
-"""Largest distance between a followed feature and the one that counts as the same, that of a region's outline, too.
-Three in four followed features are found again within 0.2 px (SIFT at double size, 240 px frames of a hand and cubes).
-The rest of the tolerance takes neighbors for the same feature: every second one has another within 3 px, and going
-from one to the other hardly changes what is associated."""
+"""Largest distance between two nodes of the same feature, as for the outline of a region. Neighbors within it count as
+the same feature too, which hardly changes the association (docs/experiments/switches.md)."""
 
 TOLERANCE_DEG = 10.0
-"""Largest angle between a followed line and the one that counts as the same. End points that are 1 px off turn a short
-segment of 20 px by up to 6 degrees; the next direction among the edges of a box is tens of degrees away."""
+"""Largest angle between two lines of the same feature. End points that are off by 1 px turn a segment of 20 px by up to
+6 degrees; different edges of a box differ by tens of degrees."""
 
 
 def is_same_association(
     kernel: Kernel,
-    expected: Sequence[Node],
-    found: Sequence[Node],
+    first: Sequence[Node],
+    second: Sequence[Node],
     tolerance_px: float = TOLERANCE_PX,
     tolerance_deg: float = TOLERANCE_DEG,
 ) -> bool:
-    """Whether two associations of a kernel join the same features, in any order that its motif does not tell apart."""
+    """Return whether two associations of a kernel join the same features.
+
+    The nodes may be in any order that the motif does not tell apart.
+
+    Args:
+        kernel: kernel of both associations.
+        first: nodes of one association, one for each role.
+        second: nodes of the other association, one for each role.
+        tolerance_px: see :func:`is_same_feature`.
+        tolerance_deg: see :func:`is_same_feature`.
+    """
     return any(
         all(
-            is_same_feature(expected[place], found[other], tolerance_px, tolerance_deg)
-            for place, other in enumerate(order)
+            is_same_feature(first[role], second[other_role], tolerance_px, tolerance_deg)
+            for role, other_role in enumerate(order)
         )
         for order in automorphisms(kernel)
     )
 
 
 def is_same_feature(
-    expected: Node, found: Node, tolerance_px: float = TOLERANCE_PX, tolerance_deg: float = TOLERANCE_DEG
+    first: Node, second: Node, tolerance_px: float = TOLERANCE_PX, tolerance_deg: float = TOLERANCE_DEG
 ) -> bool:
-    """Whether two nodes of one frame are the same feature.
+    """Return whether two nodes of one frame are the same feature.
 
-    Points are when no more than ``tolerance_px`` apart. Lines are when the midpoint of either one is no more than that
-    from the other's segment and their directions differ by no more than ``tolerance_deg``. A detector breaks one edge
-    at other places on every frame, so that neither end points nor midpoints have to agree: each piece of an edge is the
-    same line as the whole, but another edge farther along on the same straight line is not. A segment without length
-    has every direction.
+    Points are the same feature within ``tolerance_px`` of each other. Lines are the same feature when the midpoint of
+    one of them is within ``tolerance_px`` of the other segment and their directions differ by at most
+    ``tolerance_deg``. Neither end points nor midpoints have to agree, since a detector splits an edge differently in
+    every frame: a part of an edge is the same line as the whole edge, but another edge farther along the same straight
+    line is not. A segment of length 0 has every direction.
     """
-    if expected.node_type is not found.node_type:
+    if first.node_type is not second.node_type:
         return False
-    if expected.node_type is NodeType.POINT:
-        return math.dist(expected.coordinates, found.coordinates) <= tolerance_px
-    first, second = (np.reshape(node.coordinates, (2, 2)).astype(np.float64) for node in (expected, found))
-    apart = min(_distance_to_segment(second.mean(axis=0), first), _distance_to_segment(first.mean(axis=0), second))
-    along, other = first[1] - first[0], second[1] - second[0]
-    cross, dot = along[0] * other[1] - along[1] * other[0], along @ other
-    # abs folds the order of the end points away; atan2 of two zeros is 0.
+    if first.node_type is NodeType.POINT:
+        return math.dist(first.coordinates, second.coordinates) <= tolerance_px
+    segments = np.array([first.coordinates, second.coordinates], np.float64)
+    distance = distance_to_segment(centers(segments), segments[::-1]).min()
+    direction, other_direction = segments[:, 2:] - segments[:, :2]
+    cross = direction[0] * other_direction[1] - direction[1] * other_direction[0]
+    dot = direction @ other_direction
+    # The absolute values make the order of the end points irrelevant; atan2(0, 0) is 0.
     angle_deg = math.degrees(math.atan2(abs(cross), abs(dot)))
-    return bool(apart <= tolerance_px and angle_deg <= tolerance_deg)
-
-
-def _distance_to_segment(point: Float64[np.ndarray, "2"], segment: Float64[np.ndarray, "2 2"]) -> float:
-    start, along = segment[0], segment[1] - segment[0]
-    squared_length = float(along @ along)
-    share = 0.0 if squared_length == 0.0 else min(1.0, max(0.0, float((point - start) @ along) / squared_length))
-    return float(np.linalg.norm(point - (start + share * along)))
+    return bool(distance <= tolerance_px and angle_deg <= tolerance_deg)

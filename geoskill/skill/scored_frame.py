@@ -1,4 +1,4 @@
-"""What a skill makes of one frame before anything is selected: every instance of every member with its score."""
+"""Scores of one frame before selection: every instance of every member."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,15 +19,17 @@ from geoskill.skill.association import Association, InferenceResult, Node
 @final
 @dataclass(frozen=True, eq=False)
 class ScoredInstances:
-    """The instances of one member in one frame.
+    """All instances of one member in one frame, with their scores.
 
     Attributes:
-        member: which one.
-        graph: the frame.
-        scores: ``[m]``, b of every instance.
-        select_out: ``[m]``, g, the softmax of b.
+        name: name of the member.
+        member: kernel and network.
+        graph: graph of the frame.
+        scores: ``[m]``, score b of every instance.
+        select_out: ``[m]``, select-out g of every instance, the softmax of b.
     """
 
+    name: str
     member: KernelModel
     graph: MotifGraph
     scores: Float[Tensor, " m"]
@@ -37,44 +39,49 @@ class ScoredInstances:
         return len(self.scores)
 
     def best(self, count: int) -> list[int]:
-        """The instances of largest select-out, that first; no more than there are."""
-        chosen: list[int] = torch.topk(self.select_out, min(count, len(self))).indices.tolist()
-        return chosen
+        """Return the ``count`` instances of largest select-out, the largest first; all where there are fewer."""
+        instances: list[int] = torch.topk(self.select_out, min(count, len(self))).indices.tolist()
+        return instances
 
     @property
-    def spread(self) -> float:
-        """Standard deviation of the scores."""
+    def score_std(self) -> float:
+        """Standard deviation of the scores; 0 without instances."""
         return float(self.scores.std(correction=0)) if len(self) else 0.0
 
     def penalized(self, instances: Bool[Tensor, " m"], by: float) -> "ScoredInstances":
-        """The same with the scores of these instances penalized."""
+        """Return a copy with ``by`` subtracted from the scores of ``instances``."""
         scores = self.scores - by * instances
         return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
 
     def find(self, features: Sequence[int]) -> int | None:
-        """The instance that joins these features, one for each role, in any order of those that are alike, or None."""
+        """Return the instance that joins these features, or None.
+
+        Args:
+            features: one for each role, in any order that the motif does not tell apart.
+        """
         index = self.graph.instance_index
         for order in automorphisms(self.member.kernel):
-            wanted = torch.tensor([features[place] for place in order], device=index.device)
-            (found,) = (index == wanted[:, None]).all(dim=0).nonzero(as_tuple=True)
-            if len(found):
-                return int(found[0])
+            permuted = torch.tensor([features[role] for role in order], device=index.device)
+            (matches,) = (index == permuted[:, None]).all(dim=0).nonzero(as_tuple=True)
+            if len(matches):
+                return int(matches[0])
         return None
 
     def associations(self, instances: Sequence[int]) -> list[Association]:
-        """These instances as associations, ranked in the order in which they are given."""
+        """Return these instances as associations, ranked in the order in which they are given."""
         chosen = torch.tensor(instances, device=self.scores.device, dtype=torch.long)
         index: Int64[Tensor, "k p"] = self.member.moving_node_first(self.graph, self.graph.instance_index[:, chosen])
         nodes = gather_nodes(self.member.kernel, self.member.attribute(self.graph, "geometry"), index)
         errors: Float[Tensor, "p d"] = self.member.kernel.control_error(nodes)
         roles = self.member.kernel.roles
-        sure = confidences(self.scores, self.member.reference_margin)
+        confidence = confidences(self.scores, self.member.reference_margin)
         return [
             Association(
+                member=self.name,
                 kernel=self.member.kernel.name,
                 descriptor=self.member.descriptor,
                 rank=row + 1,
-                confidence=float(sure[instance]),
+                confidence=float(confidence[instance]),
                 weight=float(self.select_out[instance]),
                 nodes=tuple(
                     Node(role, tuple(geometry[row].tolist()), int(feature))
@@ -90,28 +97,30 @@ class ScoredInstances:
 @final
 @dataclass(frozen=True, eq=False)
 class ScoredFrame:
-    """One frame through the eyes of a skill.
+    """Features and scores of one frame.
 
     Attributes:
-        features: what each extractor found, by the extractor's name.
-        members: by name; some may be without any instance.
+        features: detected features, by the extractor's name.
+        members: scored instances, by the member's name; a member may have no instance.
     """
 
     features: Mapping[str, FeatureSet]
     members: Mapping[str, ScoredInstances]
 
     def result(self, selected: Mapping[str, Sequence[Association]]) -> InferenceResult:
-        """What is selected of it.
+        """Return the result of the frame, with a reason for every member that selects nothing.
 
         Args:
-            selected: associations of each member, by rank; none for those without an instance.
+            selected: associations of each member by rank, by the member's name; empty for members without an instance.
         """
         associations: list[Association] = []
         reasons = {}
         for name, scored in self.members.items():
             associations.extend(selected[name])
             if not selected[name]:
-                extractors = scored.member.extractors
-                found = ", ".join(f"{len(self.features[extractor])} {kind}s" for kind, extractor in extractors.items())
-                reasons[scored.member.kernel.name, scored.member.descriptor] = f"no instance: {found} found"
+                counts = ", ".join(
+                    f"{len(self.features[extractor])} {node_type}s"
+                    for node_type, extractor in scored.member.extractors.items()
+                )
+                reasons[name] = f"no instance: {counts} found"
         return InferenceResult(tuple(associations), self.features, reasons)

@@ -9,13 +9,13 @@
     features:   {max_features: 60, min_side: 480, color: 8.0}
     top_k: 10
 
-A checkpoint may come from a stranger. Everything in it is read as plain values into the dataclasses below, with types
+A checkpoint may come from anybody. Everything in it is read as plain values into the dataclasses below, with types
 checked and unknown names refused; classes are found by name in the registries of :mod:`geoskill.plugins`.
 """
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
 
@@ -136,20 +136,32 @@ class SkillSpec:
             own = mapping_of(member, f"members.{name}", ("kernel", "extractors"))
             feeds = mapping_of(own["extractors"], f"members.{name}.extractors")
             for node_type, extractor in feeds.items():
-                if node_type not in tuple(NodeType) or extractor not in extractors:
+                if node_type not in tuple(NodeType):
                     raise InputError(
-                        f"the skill's members.{name} takes {node_type!r} from {extractor!r}; expected others"
+                        f"the skill's members.{name}.extractors has {node_type!r}; expected {' or '.join(NodeType)}"
+                    )
+                if text_of(extractor, f"members.{name}.extractors.{node_type}") not in extractors:
+                    raise InputError(
+                        f"the skill's members.{name}.extractors.{node_type} is {extractor!r}; expected one of"
+                        f" {', '.join(extractors)}"
                     )
             members[name] = MemberSpec(Part.from_plain(own["kernel"], f"members.{name}.kernel"), feeds)
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
             raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
-        features = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        model = Part.from_plain(entries["model"], "model")
+        if model.name in MODELS:  # whose arguments have types and ranges
+            model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
+        settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        try:
+            features = FeaturesConfig(**settings)
+        except InputError as error:
+            raise InputError(f"the skill's features: {error}") from error
         return cls(
             {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
             members,
-            Part.from_plain(entries["model"], "model"),
-            FeaturesConfig(**features),
+            model,
+            features,
             top_k,
         )
 

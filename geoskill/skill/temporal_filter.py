@@ -1,16 +1,22 @@
-"""A skill that does not change its mind without need: selection over time.
+"""Selection over time: keep the selected association until it is lost or clearly beaten.
 
-Each frame by itself, the best of several good associations is now this one and now that one, and the control error
-jumps with it. Here the selected association stays as long as its features are there, and another has to be better for a
-while before it takes its place::
+Selecting the best association of each frame on its own alternates between several good ones, and the control error
+jumps at every switch. :class:`TemporalFilter` keeps the selected association and replaces it only after another one has
+scored higher for some time (a one-sided cumulative sum)::
 
-    lead_t = max(0, lead_{t-1} + (b_best - b_kept) / spread - margin)        spread: the SD of all scores of the frame
+    margin_t = (b_best - b_selected) / (standard deviation of the frame's scores)
+    excess_t = max(0, excess_{t-1} + margin_t - tolerated_margin)
 
-and the kept one goes when the lead exceeds the patience, when optical flow loses one of its features, when one that is
-not detected looks otherwise than it did (something has come before it), or has not been detected for too long. An
-association whose nodes have lately moved as one falls behind (:mod:`geoskill.tracking.co_motion`). Beside that, only the
-few selected features are followed, and only to know them again: which association is right is still what the network
-says of the descriptors.
+The selected association is dropped when
+
+- its excess is larger than the ``patience``,
+- optical flow loses one of its nodes,
+- not all of its nodes are detected and one of them looks different from before, since something occludes it, or
+- not all of its nodes have been detected for more than ``max_missed_frames`` frames.
+
+Associations whose nodes have recently moved together are penalized (:mod:`geoskill.tracking.co_motion`). Apart from
+that, tracking serves only to recognize the few selected features in the next frame: the scores come from the
+descriptors alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,143 +32,152 @@ from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.kernels.kernel import Kernel
-from geoskill.skill.association import Association, InferenceResult, Node, follow_nodes
+from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
 from geoskill.skill.matching import is_same_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
-from geoskill.tracking.appearance import are_alike, patches_at
+from geoskill.tracking.appearance import matches, patches_at
 from geoskill.tracking.co_motion import CoMotionDetector
 from geoskill.tracking.flow import track_sparse
-
-# In standard deviations of a frame's scores: what another association may be ahead without gaining on the kept one, and
-# the sum over frames of what it is ahead beyond that. Measured on simulated sorting, seeds 4 and 5 (object outside FOV,
-# occlusion): 0.32 and 0.51 switches per frame become 0.07 and 0.13, and accuracy goes from 95.9 and 93.9 to 92.5 and
-# 94.1. With 0.5 and 0.5 it is 0.08 and 0.15, 93.1 and 92.9. What is wrong stays as long as the patience, too.
-MARGIN = 0.3
-PATIENCE = 2.0
-# Frames for which a feature may go undetected while flow still follows it, a tenth of a second of video. With ten it is
-# 0.06 and 0.11, 89.1 and 93.6: what is wrong is not often found again.
-LONGEST_MISS = 3
-# By how many standard deviations of a frame's scores an association of nodes that moved as one falls behind. The scores
-# of look-alikes are less than one apart; the best is 3 to 6 ahead of the mean, and stays so where nothing is like it.
-CO_MOTION_PENALTY = 2.0
+from geoskill.tuning import TemporalFilterConfig
 
 
 @final
 @dataclass(frozen=True)
 class _Selected:
-    """The association that is being kept.
+    """The selected association of one member.
 
     Attributes:
         association: as of the last frame.
-        lead: how far another is ahead, in standard deviations times frames, beyond the margin.
-        missed: for how many frames one of its features has not been detected.
-        looks: what its nodes looked like when all of them were.
+        appearance: patches of each node (:func:`patches_at`), as of the last frame in which all nodes were detected.
+        excess: sum over frames of the best score's margin beyond the tolerated one, in standard deviations.
+        missed: consecutive frames up to the last one in which not all nodes were detected.
     """
 
     association: Association
-    looks: tuple[np.ndarray, ...]
-    lead: float = 0.0
+    appearance: tuple[np.ndarray, ...]
+    excess: float = 0.0
     missed: int = 0
 
 
 @final
 class TemporalFilter:
-    """A skill and what it selected in the frame before.
+    """Stateful selection on the consecutive frames of one video.
 
     Args:
-        skill: gives every instance its score.
+        skill: gives the score of every instance.
+        config: margins, penalty and patience; None for the defaults.
     """
 
-    def __init__(self, skill: Skill) -> None:
+    def __init__(self, skill: Skill, config: TemporalFilterConfig | None = None) -> None:
         self.skill = skill
-        self._kept: dict[str, _Selected] = {}
-        self._before: UInt8[np.ndarray, "height width"] | None = None
-        self._motion = CoMotionDetector()
+        self._config = TemporalFilterConfig() if config is None else config
+        self._selected: dict[str, _Selected] = {}
+        self._previous_gray: UInt8[np.ndarray, "height width"] | None = None
+        self._co_motion = CoMotionDetector(self._config.co_motion)
 
     def infer(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
     ) -> InferenceResult:
-        """The associations of the next RGB frame: of each member first the kept one, then the best of the others.
+        """Select associations in the next RGB frame: of each member the kept one first, then the best of the others.
 
-        A kept association with a feature that was not detected has the confidence of the last frame in which all were,
-        and its nodes lie where the flow leads; such a node has no ``feature``.
+        A kept association with an undetected node has the confidence of the last frame in which all of its nodes were
+        detected, and its nodes are where optical flow tracked them, without a ``feature``. A frame of another size
+        starts anew.
 
         Args:
-            frame: the picture.
-            features: what :meth:`Skill.extract` found in it, when that has been done.
+            frame: RGB image.
+            features: result of :meth:`Skill.extract` on the frame, where it is already known.
 
         Raises:
             InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
         """
-        observation = self.skill.observe(frame, features)
+        scored_frame = self.skill.observe(frame, features)
         gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
-        if self._before is not None and self._before.shape != gray.shape:
-            self._kept = {}
-        selected: dict[str, list[Association]] = {}
-        self._motion.advance(gray)
-        for name, scored in observation.members.items():
-            spread = scored.spread
-            scored = scored.penalized(self._moved_as_one(scored), CO_MOTION_PENALTY * spread)
-            kept = self._still_kept(self._kept.pop(name, None), scored, spread, gray)
+        if self._previous_gray is not None and self._previous_gray.shape != gray.shape:
+            self._selected = {}
+        listed: dict[str, list[Association]] = {}
+        self._co_motion.advance(gray)
+        for name, scored in scored_frame.members.items():
+            score_std = scored.score_std
+            scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
+            selected = self._keep(self._selected.pop(name, None), scored, score_std, gray)
             best = scored.associations(scored.best(self.skill.top_k))
-            if kept is None and best:
-                kept = _Selected(best[0], _looks(best[0].nodes, gray))
-            if kept is not None and best:
-                self._kept[name] = kept
-                best = _with_first(kept.association, best)
-            selected[name] = best
-        self._before = gray
-        return observation.result(selected)
+            if selected is None and best:
+                selected = _Selected(best[0], _appearance(best[0].nodes, gray))
+            if selected is not None and best:
+                self._selected[name] = selected
+                best = _with_first(selected.association, best)
+            listed[name] = best
+        self._previous_gray = gray
+        return scored_frame.result(listed)
 
-    def _moved_as_one(self, scored: ScoredInstances) -> Bool[Tensor, " m"]:
+    def _co_moving(self, scored: ScoredInstances) -> Bool[Tensor, " m"]:
         member, graph = scored.member, scored.graph
-        geometry = {kind: rows.numpy(force=True) for kind, rows in member.attribute(graph, "geometry").items()}
-        as_one = self._motion.co_moving(member.kernel, geometry, graph.instance_index.numpy(force=True))
-        return torch.from_numpy(as_one).to(scored.scores.device)
+        geometry = {
+            node_type: rows.numpy(force=True) for node_type, rows in member.attribute(graph, "geometry").items()
+        }
+        co_moving = self._co_motion.co_moving(member.kernel, geometry, graph.instance_index.numpy(force=True))
+        return torch.from_numpy(co_moving).to(scored.scores.device)
 
-    def _still_kept(
-        self, kept: _Selected | None, scored: ScoredInstances, spread: float, gray: UInt8[np.ndarray, "height width"]
+    def _keep(
+        self,
+        selected: _Selected | None,
+        scored: ScoredInstances,
+        score_std: float,
+        gray: UInt8[np.ndarray, "height width"],
     ) -> _Selected | None:
-        """The kept association in the next frame, or None when it goes."""
-        if kept is None or self._before is None or len(scored) == 0:
+        """Return the selected association as of this frame, or None when it is dropped.
+
+        Args:
+            selected: as of the previous frame; None where nothing was selected.
+            scored: instances of this frame, co-moving ones penalized.
+            score_std: standard deviation of the scores without the penalty.
+            gray: this frame.
+        """
+        if selected is None or self._previous_gray is None or len(scored) == 0:
             return None
-        nodes = follow_nodes(kept.association.nodes, partial(track_sparse, start=self._before, end=gray))
+        nodes = track_nodes(selected.association.nodes, partial(track_sparse, start=self._previous_gray, end=gray))
         if nodes is None:
             return None
         instance = _find(scored, nodes)
         if instance is None:
-            hidden = any(not are_alike(*pair) for pair in zip(kept.looks, _looks(nodes, gray), strict=True))
-            if hidden or kept.missed == LONGEST_MISS:
+            occluded = any(
+                not matches(before, now)
+                for before, now in zip(selected.appearance, _appearance(nodes, gray), strict=True)
+            )
+            if occluded or selected.missed == self._config.max_missed_frames:
                 return None
-            association = replace(kept.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
-            return replace(kept, association=association, missed=kept.missed + 1)
-        ahead = float(scored.scores.max() - scored.scores[instance])
-        lead = max(0.0, kept.lead + (ahead / spread if spread > 0 else 0.0) - MARGIN)
+            association = replace(selected.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
+            return replace(selected, association=association, missed=selected.missed + 1)
+        difference = float(scored.scores.max() - scored.scores[instance])
+        margin = difference / score_std if score_std > 0 else 0.0
+        excess = max(0.0, selected.excess + margin - self._config.tolerated_margin)
         association = scored.associations([instance])[0]
-        return _Selected(association, _looks(association.nodes, gray), lead) if lead <= PATIENCE else None
+        if excess > self._config.patience:
+            return None
+        return _Selected(association, _appearance(association.nodes, gray), excess)
 
 
-def _looks(nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:
-    """The patches of each node (:func:`patches_at`)."""
+def _appearance(nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:
     return tuple(patches_at(gray, node.node_type, node.coordinates) for node in nodes)
 
 
 def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
-    """The instance of the detected features that the nodes are, or None when one of them was not detected."""
+    """Return the instance that joins the detections nearest to the tracked nodes, or None when not all are detected."""
     geometry = scored.member.attribute(scored.graph, "geometry")
     features = []
     for node in nodes:
         detected = [Node(node.node_type, tuple(row)) for row in geometry[node.node_type].tolist()]
-        same = [row for row, other in enumerate(detected) if is_same_feature(node, other)]
-        if not same:
+        matches = [feature for feature, detection in enumerate(detected) if is_same_feature(node, detection)]
+        if not matches:
             return None
-        features.append(min(same, key=lambda row: _distance(node, detected[row])))
+        features.append(min(matches, key=lambda feature: _center_distance(node, detected[feature])))
     return scored.find(features)
 
 
-def _distance(one: Node, other: Node) -> float:
-    return float(np.linalg.norm(np.subtract(one.center, other.center)))
+def _center_distance(first: Node, second: Node) -> float:
+    return float(np.linalg.norm(np.subtract(first.center, second.center)))
 
 
 def _error(kernel: Kernel, nodes: Sequence[Node]) -> tuple[float, ...]:
@@ -170,11 +185,12 @@ def _error(kernel: Kernel, nodes: Sequence[Node]) -> tuple[float, ...]:
     return tuple(error[0].tolist())
 
 
-def _with_first(kept: Association, best: Sequence[Association]) -> list[Association]:
-    """The kept association, then the best of the others, ranked anew, as many as there were."""
+def _with_first(selected: Association, best: Sequence[Association]) -> list[Association]:
+    """Return the selected association, then the best others, ranked anew; as many as there are in ``best``."""
 
     def joined(association: Association) -> frozenset[tuple[str, int | None]]:
         return frozenset((node.node_type, node.feature) for node in association.nodes)
 
-    others = [association for association in best if joined(association) != joined(kept)]
-    return [replace(each, rank=place) for place, each in enumerate([kept, *others][: len(best)], start=1)]
+    others = [association for association in best if joined(association) != joined(selected)]
+    listed = [selected, *others][: len(best)]
+    return [replace(association, rank=rank) for rank, association in enumerate(listed, start=1)]

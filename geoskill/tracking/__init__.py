@@ -1,1 +1,1 @@
-"""Following features through video."""
+"""Tracking of features through video: optical flow, tracks, trajectories, co-motion and appearance."""

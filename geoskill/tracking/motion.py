@@ -1,4 +1,4 @@
-"""What tracking says about the features of one frame: where they go next, where they came from and where they end."""
+"""Results of tracking the features of one frame: displacements to another frame, and long-range trajectories."""
 
 from dataclasses import dataclass
 from typing import final
@@ -14,7 +14,7 @@ class Displacement:
 
     Attributes:
         next_geometry: ``[n, g]`` in pixels; the frame's own geometry where a feature was lost.
-        tracked: ``[n]``, whether the feature was followed all the way.
+        tracked: ``[n]``, whether the feature was tracked all the way.
     """
 
     next_geometry: Float[Tensor, "n g"]

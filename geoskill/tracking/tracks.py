@@ -1,11 +1,11 @@
-"""Following every frame's features through a demonstration, over several spans of time at once.
+"""Tracking of every frame's features through a demonstration, over several spans of time at once.
 
 ::
 
     frame      t      t+hop    t+2 hop   ...    t+span
     F_t  ---->  .  ---->  .  ---->  .   ...  ---->  F_t's features at t+span
 
-Each arrow follows the features of all earlier frames along one optical flow, so a long span costs no more flows than a
+Each arrow tracks the features of all earlier frames along one optical flow, so a long span needs no more flows than a
 short one. A feature that is lost once stays lost.
 """
 
@@ -27,26 +27,29 @@ from geoskill.tracking.motion import Displacement
 @final
 @dataclass(frozen=True, eq=False)
 class Track:
-    """The features of frame ``start``, where they are ``hops`` later and which of them are still followed.
+    """The features of one frame, tracked for some hops.
 
     Attributes:
-        geometry: where a feature was lost, its last place.
+        start: the frame in which the features were detected.
+        hops: number of hops since then.
+        geometry: ``[n, g]``, positions in pixels after the last hop, or before the hop in which a feature was lost.
+        tracked: ``[n]``, whether the feature has been tracked all the way.
     """
 
     start: int
     hops: int
     geometry: Float32[np.ndarray, "n g"]
-    followed: Bool[np.ndarray, " n"]
+    tracked: Bool[np.ndarray, " n"]
 
 
 def neighbor_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress, threads: int = 1) -> list[Flow]:
-    """The flow from every frame ``t`` to frame ``t + hop``.
+    """Compute the flow from every frame ``t`` to frame ``t + hop``.
 
     Args:
         frames: ``[H, W, 3]`` RGB pictures.
-        hop: frames between the two of a flow.
+        hop: number of frames from the first to the second frame of a flow.
         progress: shows progress over the frames.
-        threads: how many flows are computed at once.
+        threads: number of flows computed at once.
     """
     starts = range(len(frames) - hop)
 
@@ -56,21 +59,21 @@ def neighbor_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress, t
     return parallel_map(flow, starts, starts, threads=threads, progress=progress, description="following motion")
 
 
-def chain_motions(
+def chain_displacements(
     features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, spans: Sequence[int]
 ) -> dict[tuple[int, int], Displacement]:
-    """Where the features of frame ``t`` lie in frame ``t + span``.
+    """Compute the displacements of the features of each frame ``t`` to frames ``t + span`` and ``t - span``.
 
     Args:
         features: of every frame, all of one type.
-        flows: of :func:`neighbor_flows`.
-        hop: frames between the two of a flow.
+        flows: see :func:`neighbor_flows`.
+        hop: number of frames from the first to the second frame of a flow.
         spans: positive multiples of ``hop``.
 
     Returns:
-        A motion for each ``(t, span)`` and each ``(t, -span)`` that stays within the demonstration.
+        A displacement for each ``(t, span)`` and each ``(t, -span)`` within the demonstration.
     """
-    motions: dict[tuple[int, int], Displacement] = {}
+    displacements: dict[tuple[int, int], Displacement] = {}
     longest = max(spans) // hop
     last = len(features) - 1
     live: dict[tuple[int, int], list[Track]] = {}
@@ -81,46 +84,49 @@ def chain_motions(
             if not 0 <= there <= last:
                 continue
             flow = flows[here] if direction == 1 else flows[there].reversed()
-            found = features[here]
             tracks = live.pop((direction, here), [])
-            tracks.append(Track(here, 0, found.geometry, np.ones(len(found), bool)))
-            tracks = _advance(tracks, found.node_type, flow)
+            tracks = _advance([*tracks, _new_track(here, features[here])], features[here].node_type, flow)
             for track in tracks:
                 span = track.hops * hop
                 if span in spans:
-                    own = features[track.start].geometry
-                    geometry = np.where(track.followed[:, None], track.geometry, own)
-                    motions[track.start, direction * span] = Displacement(
-                        torch.from_numpy(geometry), torch.from_numpy(track.followed)
-                    )
+                    displacements[track.start, direction * span] = _displacement(track, features[track.start])
             live[direction, there] = [track for track in tracks if track.hops < longest]
-    return motions
+    return displacements
 
 
-def tracks_to_the_end(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int) -> list[Track]:
-    """Every frame's features, followed as long as whole hops fit into the demonstration."""
+def tracks_to_end(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int) -> list[Track]:
+    """Track every frame's features as long as whole hops fit into the demonstration; sorted by start."""
     live: dict[int, list[Track]] = {}
     ended: list[Track] = []
-    for t, found in enumerate(features):
-        tracks = [*live.pop(t, []), Track(t, 0, found.geometry, np.ones(len(found), bool))]
-        if t < len(flows):
-            live[t + hop] = _advance(tracks, found.node_type, flows[t])
+    for frame, detected in enumerate(features):
+        tracks = [*live.pop(frame, []), _new_track(frame, detected)]
+        if frame < len(flows):
+            live[frame + hop] = _advance(tracks, detected.node_type, flows[frame])
         else:
             ended += tracks
     return sorted(ended, key=lambda track: track.start)
 
 
+def _new_track(frame: int, features: FeatureSet) -> Track:
+    return Track(frame, 0, features.geometry, np.ones(len(features), bool))
+
+
+def _displacement(track: Track, features: FeatureSet) -> Displacement:
+    geometry = np.where(track.tracked[:, None], track.geometry, features.geometry)
+    return Displacement(torch.from_numpy(geometry), torch.from_numpy(track.tracked))
+
+
 def _advance(tracks: Sequence[Track], node_type: NodeType, flow: Flow) -> list[Track]:
-    """All tracks one hop further."""
-    moving = np.concatenate([track.geometry[track.followed] for track in tracks])
-    geometry, followed = track_dense(node_type, moving, flow)
+    """Track the features of all tracks along one flow."""
+    live_geometry = np.concatenate([track.geometry[track.tracked] for track in tracks])
+    live_geometry, live_tracked = track_dense(node_type, live_geometry, flow)
     advanced = []
     offset = 0
     for track in tracks:
-        rows = np.flatnonzero(track.followed)
-        part = slice(offset, offset + len(rows))
+        rows = np.flatnonzero(track.tracked)
+        block = slice(offset, offset + len(rows))
         offset += len(rows)
-        moved, kept = track.geometry.copy(), track.followed.copy()
-        moved[rows], kept[rows] = geometry[part], followed[part]
-        advanced.append(replace(track, hops=track.hops + 1, geometry=moved, followed=kept))
+        geometry, tracked = track.geometry.copy(), track.tracked.copy()
+        geometry[rows], tracked[rows] = live_geometry[block], live_tracked[block]
+        advanced.append(replace(track, hops=track.hops + 1, geometry=geometry, tracked=tracked))
     return advanced

@@ -1,16 +1,16 @@
-"""Where every feature of a demonstration came from, and where it ends.
+"""Long-range trajectories: each feature's position at past anchor frames and at the last frame.
 
 ::
 
     frame   0 . . . . s . . . . t . . . . last
                       G <~~~~ F ---------> F'     F' by optical flow alone
-            H <~~~~~~ G                           a feature of an earlier frame that looks like F and lies where the
-                                                  flow leads back to is taken for F itself, and so on
+            H <~~~~~~ G                           a similar feature of an earlier frame, where the flow from F ends,
+                                                  is identified with F, and so on
 
-Flow alone leads astray on the way back: what was hidden earlier sticks to whatever lay there, and a feature of the
-object that sticks to the goal seems to have been there all the time. So an earlier place counts only where a feature
-that looks alike was detected, and links of that kind are chained from frame to frame. On the way forward the error is
-harmless: what is lost there separates from its like and earns nothing.
+Backward flow alone is misleading: a feature that was hidden earlier sticks to whatever was at its position, and a
+feature of the object that sticks to the goal seems to have always been there. An earlier position therefore counts only
+if a similar feature was detected there; such links are chained from frame to frame. In forward direction the error is
+harmless: a feature that is lost drifts away from its counterpart, and earns no reward.
 """
 
 from collections.abc import Sequence
@@ -22,137 +22,134 @@ import torch
 from jaxtyping import Bool, Float32, Int64
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.segments import distance_to_segment
 from geoskill.tracking.flow import Flow, track_dense
 from geoskill.tracking.motion import Trajectory
-from geoskill.tracking.tracks import tracks_to_the_end
-
-# Frames of the past at which places are kept, spread over the demonstration.
-ANCHORS = 16
-# A detection may lie this share of the shorter side from where the flow leads: some pixels, as detection and flow do.
-PLACE_TOLERANCE = 0.01
-# Two descriptors are alike when they differ by less than this share of the median distance between different features.
-LIKENESS = 0.5
-# Hops over which a feature may go undetected; one that did not show up again for so long is rarely found later.
-LONGEST_GAP_HOPS = 32
-# A feature that is lost, but has come no farther than this since, rests and was covered: it stays where it is.
-REST_PX = 2.0
+from geoskill.tracking.tracks import tracks_to_end
+from geoskill.tuning import TrajectoryConfig
 
 
 def trajectories(
-    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, shorter_side: int
+    features: Sequence[FeatureSet],
+    flows: Sequence[Flow],
+    hop: int,
+    shorter_side: int,
+    config: TrajectoryConfig | None = None,
 ) -> list[Trajectory]:
-    """The trajectory of every frame's features.
+    """Compute the trajectories of every frame's features.
 
     Args:
         features: of every frame, all of one type.
-        flows: from frame ``t`` to ``t + hop``.
-        hop: frames between the two of a flow.
+        flows: from each frame ``t`` to ``t + hop``.
+        hop: number of frames from the first to the second frame of a flow.
         shorter_side: of the frames, in pixels.
+        config: anchors and thresholds; None for the defaults.
     """
-    pasts = _pasts(features, flows, hop, PLACE_TOLERANCE * shorter_side)
-    ends = _ends(features, flows, hop)
+    config = TrajectoryConfig() if config is None else config
+    pasts = _pasts(features, flows, hop, shorter_side, config)
+    finals = _final_positions(features, flows, hop, config.rest_px)
     return [
-        Trajectory(*map(torch.from_numpy, (past.places, past.since, *end)))
-        for past, end in zip(pasts, ends, strict=True)
+        Trajectory(*map(torch.from_numpy, (past.anchor_xy, past.first_known_anchor, *final_position)))
+        for past, final_position in zip(pasts, finals, strict=True)
     ]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Past:
-    """Of one frame's features; see :class:`~geoskill.graphs.motif_graph.Trajectory`."""
+    """The past of one frame's features; see :class:`~geoskill.tracking.motion.Trajectory`."""
 
-    places: Float32[np.ndarray, "n a g"]
-    since: Int64[np.ndarray, " n"]
+    anchor_xy: Float32[np.ndarray, "n a g"]
+    first_known_anchor: Int64[np.ndarray, " n"]
 
 
-def _pasts(features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, tolerance_px: float) -> list[_Past]:
-    anchors = np.linspace(0, len(features) - 1, ANCHORS).round().astype(np.int64)
-    likeness = _likeness(features)
+def _pasts(
+    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, shorter_side: int, config: TrajectoryConfig
+) -> list[_Past]:
+    anchors = np.linspace(0, len(features) - 1, config.anchors).round().astype(np.int64)
+    tolerance_px = config.position_tolerance_ratio * shorter_side
+    max_difference = _max_descriptor_difference(features, config.similarity_ratio)
     pasts: list[_Past] = []
     for t, own in enumerate(features):
-        # Anchor a is looked up where the walk back from t in whole hops comes last before a.
+        # In whole hops back from t, each anchor is read at the last frame not before it.
         hops_to = np.where(anchors <= t, (t - anchors) // hop, -1)
-        places = np.repeat(own.geometry[:, None], len(anchors), axis=1)
+        anchor_xy = np.repeat(own.geometry[:, None], len(anchors), axis=1)
         known = np.repeat((hops_to == 0)[None], len(own), axis=0)
-        geometry, waiting = own.geometry.copy(), np.ones(len(own), bool)
-        way = [own.geometry]
-        for hops in range(1, min(t // hop, LONGEST_GAP_HOPS) + 1):
-            rows = np.flatnonzero(waiting)
+        geometry, unlinked = own.geometry.copy(), np.ones(len(own), bool)
+        flow_path = [own.geometry]
+        for hops in range(1, min(t // hop, config.max_gap_hops) + 1):
+            rows = np.flatnonzero(unlinked)
             if len(rows) == 0:
                 break
             earlier = t - hops * hop
-            geometry[rows], waiting[rows] = track_dense(own.node_type, geometry[rows], flows[earlier].reversed())
-            rows = rows[waiting[rows]]
-            match = _alike_and_near(own, rows, geometry, features[earlier], likeness, tolerance_px)
-            found, match = rows[match >= 0], match[match >= 0]
+            geometry[rows], unlinked[rows] = track_dense(own.node_type, geometry[rows], flows[earlier].reversed())
+            rows = rows[unlinked[rows]]
+            match = _similar_and_near(own, rows, geometry, features[earlier], max_difference, tolerance_px)
+            linked, match = rows[match >= 0], match[match >= 0]
             for anchor, hops_back in enumerate(hops_to):
                 if 0 <= hops_back < hops:
-                    places[found, anchor] = way[hops_back][found]
-                    known[found, anchor] = True
+                    anchor_xy[linked, anchor] = flow_path[hops_back][linked]
+                    known[linked, anchor] = True
                 elif hops_back >= hops:
-                    places[found, anchor] = pasts[earlier].places[match, anchor]
-                    known[found, anchor] = pasts[earlier].since[match] <= anchor
-            waiting[found] = False
-            way.append(geometry.copy())
-        since = np.where(known.any(axis=1), known.argmax(axis=1), len(anchors))
-        pasts.append(_Past(places, since.astype(np.int64)))
+                    anchor_xy[linked, anchor] = pasts[earlier].anchor_xy[match, anchor]
+                    known[linked, anchor] = pasts[earlier].first_known_anchor[match] <= anchor
+            unlinked[linked] = False
+            flow_path.append(geometry.copy())
+        first_known_anchor = np.where(known.any(axis=1), known.argmax(axis=1), len(anchors))
+        pasts.append(_Past(anchor_xy, first_known_anchor.astype(np.int64)))
     return pasts
 
 
-def _likeness(features: Sequence[FeatureSet]) -> float:
-    """The distance between descriptors up to which they are alike, from those of different features of one frame."""
-    apart = [np.linalg.norm(found.descriptors[1:] - found.descriptors[:-1], axis=1) for found in features]
-    distances = np.concatenate(apart)
-    return LIKENESS * float(np.median(distances)) if len(distances) else 0.0
+def _max_descriptor_difference(features: Sequence[FeatureSet], similarity_ratio: float) -> float:
+    """Return the largest difference of similar descriptors, from the differences of neighbors within each frame."""
+    differences = np.concatenate(
+        [np.linalg.norm(detected.descriptors[1:] - detected.descriptors[:-1], axis=1) for detected in features]
+    )
+    return similarity_ratio * float(np.median(differences)) if len(differences) else 0.0
 
 
-def _alike_and_near(
+def _similar_and_near(
     own: FeatureSet,
     rows: Int64[np.ndarray, " r"],
-    led_to: Float32[np.ndarray, "n g"],
-    there: FeatureSet,
-    likeness: float,
+    tracked_geometry: Float32[np.ndarray, "n g"],
+    earlier: FeatureSet,
+    max_difference: float,
     tolerance_px: float,
 ) -> Int64[np.ndarray, " r"]:
-    """For each of the rows of a frame's features, the most similar one near where the flow led it to, or -1."""
-    if len(rows) == 0 or len(there) == 0:
+    """Return for each of the rows the most similar feature of the earlier frame near its tracked position, or -1."""
+    if len(rows) == 0 or len(earlier) == 0:
         return np.full(len(rows), -1)
-    difference = np.linalg.norm(own.descriptors[rows][:, None] - there.descriptors[None], axis=2)
-    near = _distance(own.node_type, led_to[rows], there.geometry) <= tolerance_px
+    difference = np.linalg.norm(own.descriptors[rows][:, None] - earlier.descriptors[None], axis=2)
+    near = _distances(own.node_type, tracked_geometry[rows], earlier.geometry) <= tolerance_px
     difference = np.where(near, difference, np.inf)
     best = difference.argmin(axis=1)
-    return np.where(difference[np.arange(len(rows)), best] <= likeness, best, -1)
+    return np.where(difference[np.arange(len(rows)), best] <= max_difference, best, -1)
 
 
-def _distance(
-    node_type: NodeType, some: Float32[np.ndarray, "r g"], others: Float32[np.ndarray, "n g"]
+def _distances(
+    node_type: NodeType, tracked: Float32[np.ndarray, "r g"], detected: Float32[np.ndarray, "n g"]
 ) -> Float32[np.ndarray, "r n"]:
-    """Between points; of segments, whose ends come and go, from the midpoint of one to the other's nearest point."""
-    ends = others.reshape(len(others), others.shape[1] // 2, 2)
-    center = some.reshape(len(some), some.shape[1] // 2, 2).mean(axis=1)[:, None]
-    if node_type is NodeType.POINT:
-        nearest = ends[None, :, 0]
-    else:
-        start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
-        length_squared = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = ((center - start) * along).sum(axis=2) / length_squared
-        nearest = start + share.clip(0.0, 1.0)[..., None] * along
-    distance: np.ndarray = np.linalg.norm(center - nearest, axis=2)
-    return distance
+    """Return distances between points, or from the midpoints of tracked segments to detected ones.
+
+    The ends of a segment vary from frame to frame, and so does its midpoint along the line.
+    """
+    positions = centers(tracked)[:, None]
+    if node_type is NodeType.LINE:
+        return distance_to_segment(positions, detected[None])
+    distances: np.ndarray = np.linalg.norm(positions - detected[None], axis=2)
+    return distances
 
 
-def _ends(
-    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int
+def _final_positions(
+    features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, rest_px: float
 ) -> list[tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]:
-    """Where each frame's features lie at the end, and whether that is known."""
-    ends: list[tuple[np.ndarray, np.ndarray]] = []
-    for track in tracks_to_the_end(features, flows, hop):
+    """Return each frame's features at the end, and whether their position there is known."""
+    finals: list[tuple[np.ndarray, np.ndarray]] = []
+    for track in tracks_to_end(features, flows, hop):
         own = features[track.start].geometry
-        way = np.linalg.norm((track.geometry - own).reshape(len(own), own.shape[1] // 2, 2), axis=2).max(
-            axis=1, initial=0.0
-        )
-        rests = ~track.followed & (way <= REST_PX)
-        ends.append((np.where(track.followed[:, None], track.geometry, own), track.followed | rests))
-    return ends
+        offsets = (track.geometry - own).reshape(len(own), own.shape[1] // 2, 2)
+        distance = np.linalg.norm(offsets, axis=2).max(axis=1, initial=0.0)
+        at_rest = ~track.tracked & (distance <= rest_px)
+        finals.append((np.where(track.tracked[:, None], track.geometry, own), track.tracked | at_rest))
+    return finals

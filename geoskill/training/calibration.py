@@ -13,8 +13,8 @@ from geoskill.model.kernel_model import KernelModel
 def fit_reference_margin(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
     """Fit each member's ``reference_margin``: the median over the demonstration's frames of the best score's margin.
 
-    Frames with fewer than two associations have no margin and are left out. The members are in evaluation mode
-    afterward, for the scores are to be those that a skill uses: in training mode a cascade scores all instances exactly.
+    Frames with fewer than two associations have no margin and are left out. Members are left in evaluation mode, in
+    which they score as a skill does: in training mode a cascade scores all instances exactly.
 
     Args:
         members: by name, with the weights that they are to be used with.

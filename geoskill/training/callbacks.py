@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
+import torch
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 from torch import Tensor, nn
@@ -40,7 +41,12 @@ class MetricsTable(Callback):
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Write the table."""
-        if self.path is None or not trainer.is_global_zero or not self.rows:
+        if trainer.is_global_zero:
+            self.write()
+
+    def write(self) -> None:
+        """Replace the file by the rows so far; without a path or a row there is nothing to write."""
+        if self.path is None or not self.rows:
             return
         with atomic_open(self.path, newline="") as file:
             writer = csv.DictWriter(file, fieldnames=list(self.rows[0]))
@@ -97,6 +103,10 @@ class SkillRecord(Callback):
             fit_reference_margin(kernel_models(members), self.demonstration)
             self._margins = {name: member.reference_margin for name, member in kernel_models(members).items()}
             checkpoint["state_dict"] = members.state_dict(prefix=prefix)
+        else:  # also when a finished training goes on for more epochs
+            for key, weight in checkpoint["state_dict"].items():
+                if key.endswith(".reference_margin"):
+                    checkpoint["state_dict"][key] = torch.zeros_like(weight)
         self.provenance = replace(self.provenance, finished=finished)
         checkpoint["skill"] = skill_entry(self.spec, self.provenance)
 

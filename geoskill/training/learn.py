@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import torch
+from lightning import Trainer
 
 from geoskill.config import TrainConfig
 from geoskill.data.datamodule import TransitionData
@@ -21,15 +22,15 @@ from geoskill.io.prefetch import Progress
 from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.skill import Skill, build_stored
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.spec import SkillComponents, build_skill, plan_skill
 from geoskill.training.calibration import fit_reference_margin
 from geoskill.training.callbacks import MetricsTable, SkillRecord
 from geoskill.training.module import SkillTraining
-from geoskill.training.prepare import Source, as_sources, prepare
+from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepare
 from geoskill.training.quiet import quiet_libraries
-from geoskill.training.resume import initialize, require_same_run, require_same_spans
+from geoskill.training.resume import initialize, is_complete, require_same_run, require_same_spans
 from geoskill.training.statistics import fit_statistics
-from geoskill.training.trainer import build_optimizer, build_trainer
+from geoskill.training.trainer import build_optimizer, build_trainer, require_usable
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger
@@ -111,28 +112,22 @@ def learn(
     sources = as_sources(demonstrations)
     count = len(sources) if isinstance(sources, Sequence) else count
     if count == 0:
-        raise InputError("no demonstration; expected a video file, a folder of images, or an array of pictures")
+        raise InputError(f"no demonstration; expected {DEMONSTRATIONS}")
     stored = None if resume is None else read_skill(resume)
     if stored is not None:
+        if init_from is not None:
+            raise InputError(f"init_from={init_from}: expected none, as the training of {resume} goes on")
         require_same_run(stored, spec, scene, count or len(stored.provenance.sources))
     components = build_skill(spec, cache, config.seed)
     if init_from is not None:
         initialize(components.members, spec, read_skill(init_from))
     with quiet_libraries():
-        module = SkillTraining(
-            components.members,
-            config.objective,
-            build_optimizer(config.optimizer),
-            descriptor_noise=config.demonstration.descriptor_noise,
-            feature_dropout=config.demonstration.feature_dropout,
-            max_visible_features=config.demonstration.max_visible_features,
-            seed=config.seed,
-        )
+        require_usable(config.trainer)
         demonstration, provenance = prepare(config, sources, components, progress, scene)
         if stored is not None:
             require_same_spans(stored, demonstration.spans)
-            if stored.provenance.epochs[0] >= config.trainer.max_epochs:
-                return _finish(stored, demonstration, cache, checkpoint, config.trainer.max_epochs)
+            if is_complete(stored, config):
+                return _finish(stored, demonstration, cache, checkpoint, curves, config.trainer.max_epochs)
         fit_statistics(
             components.members,
             demonstration,
@@ -150,19 +145,39 @@ def learn(
             list(logger) if isinstance(logger, Sequence) else [logger],
             progress_bar=progress is not None,
         )
-        for own_logger in trainer.loggers:
-            own_logger.log_hyperparams(as_plain(config))
-        data = TransitionData(demonstration, batch_size=config.demonstration.batch_size, seed=config.seed)
-        try:
-            trainer.fit(module, datamodule=data, ckpt_path=None if stored is None else stored.path, weights_only=True)
-        except (SystemExit, KeyboardInterrupt) as interruption:  # Lightning turns Ctrl-C into the end of the program
-            if trainer.interrupted and trainer.is_global_zero:
-                raise TrainingInterruptedError(trainer.current_epoch) from interruption
-            raise
+        _fit(trainer, config, components, demonstration, None if stored is None else stored.path)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     skill = Skill(components, spec, record.provenance)
     return LearnedSkill(skill, metrics, table.rows, trainer.is_global_zero)
+
+
+def _fit(
+    trainer: Trainer,
+    config: TrainConfig,
+    components: SkillComponents,
+    demonstration: Demonstrations,
+    resume: Path | None,
+) -> None:
+    """Train the members, from the beginning or from a checkpoint."""
+    module = SkillTraining(
+        components.members,
+        config.objective,
+        build_optimizer(config.optimizer),
+        descriptor_noise=config.demonstration.descriptor_noise,
+        feature_dropout=config.demonstration.feature_dropout,
+        max_visible_features=config.demonstration.max_visible_features,
+        seed=config.seed,
+    )
+    for logger in trainer.loggers:
+        logger.log_hyperparams(as_plain(config))
+    data = TransitionData(demonstration, batch_size=config.demonstration.batch_size, seed=config.seed)
+    try:
+        trainer.fit(module, datamodule=data, ckpt_path=resume, weights_only=True)
+    except (SystemExit, KeyboardInterrupt) as interruption:  # Lightning turns Ctrl-C into the end of the program
+        if trainer.interrupted and trainer.is_global_zero:
+            raise TrainingInterruptedError(trainer.current_epoch) from interruption
+        raise
 
 
 def _finish(
@@ -170,6 +185,7 @@ def _finish(
     demonstration: Demonstrations,
     cache: FeatureCache | None,
     checkpoint: str | Path | None,
+    curves: str | Path | None,
     epochs: int,
 ) -> LearnedSkill:
     """Return the skill of a checkpoint that has all of its epochs, calibrated if it was not."""
@@ -183,9 +199,10 @@ def _finish(
         contents |= {"skill": skill_entry(stored.spec, provenance), "state_dict": weights}
     if checkpoint is not None:
         write_checkpoint(checkpoint, contents)
-    rows: list[dict[str, float]] = next(
-        (state["rows"] for name, state in contents["callbacks"].items() if name.startswith("MetricsTable")), []
-    )
-    last = {name: value for name, value in (rows[-1] if rows else {}).items() if "/" in name}
+    table = MetricsTable(None if curves is None else Path(curves))
+    states: Mapping[str, Any] = contents["callbacks"]
+    table.load_state_dict(states.get(table.state_key, {"rows": []}))
+    table.write()
+    last = {name: value for name, value in (table.rows[-1] if table.rows else {}).items() if "/" in name}
     metrics = {**provenance.metrics, **last, "steps": float(contents["global_step"])}
-    return LearnedSkill(Skill(components, stored.spec, provenance), metrics, rows)
+    return LearnedSkill(Skill(components, stored.spec, provenance), metrics, table.rows)

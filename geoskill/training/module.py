@@ -23,23 +23,20 @@ Batch = Mapping[str, Mapping[str, MotifGraph]]
 
 @final
 class SkillTraining(LightningModule):
-    """All members of a skill, each learning by itself.
+    """Training of all members of a skill at once.
 
-    The members share batches and optimizer, but no weights, and their gradients are clipped one by one: an ensemble
-    learns what its members would have learned alone.
-
-    Everything random depends on the seed, the member and the step only, so a resumed training goes on exactly as it
-    would have.
+    Members share batches and the optimizer, but no weights, and their gradients are clipped separately: each member
+    of an ensemble learns what it would learn alone. Random numbers depend on the seed, the member and the step only,
+    so a resumed training repeats the steps of an unbroken one.
 
     Args:
-        members: by name; their reward scale must be fitted (:func:`fit_reward_scale`), or come from a checkpoint.
-        objective: what is maximized.
+        members: by name, with fitted statistics (:func:`~geoskill.training.statistics.fit_statistics`).
+        objective: settings of the objective, which is maximized.
         optimizer: makes an optimizer from parameters.
-        descriptor_noise: SD of the Gaussian noise added to descriptors in training, as the expected norm of the noise
-            over the descriptor's norm.
+        descriptor_noise: expected norm of the Gaussian noise on a descriptor over the descriptor's norm.
         feature_dropout: probability with which a feature is hidden in a step (:func:`sample_visible`).
-        max_visible_features: of each frame and type that are expected to be visible in a step, at most; None for no limit.
-        seed: of the noise and of Monte-Carlo samples.
+        max_visible_features: expected number of visible features per frame and node type, at most; None for all.
+        seed: seed of the noise, of hidden features and of Monte-Carlo samples.
     """
 
     def __init__(
@@ -63,13 +60,13 @@ class SkillTraining(LightningModule):
         self.seed = seed
 
     def configure_optimizers(self) -> Optimizer:
-        """One optimizer over all members; Adam treats every weight by itself, so members do not mix."""
+        """Return one optimizer for all members; Adam updates every weight by itself, so members do not mix."""
         return self.optimizer(self.parameters())
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """Minus the sum of the members' objectives on a batch of transitions."""
+        """Return minus the sum of the members' objectives on a batch of transitions."""
         values = {name: self._member_objective(name, frames, self._generator(name)) for name, frames in batch.items()}
-        # Means over all processes, whose parts of a batch are equally large.
+        # Means over all processes, which have equal shares of a batch.
         log = partial(self.log, batch_size=self._transitions(batch), sync_dist=True)
         for name, value in values.items():
             for quantity in ("objective", "reward", "rsw", "goal", "error"):
@@ -81,7 +78,7 @@ class SkillTraining(LightningModule):
         return -total.sum()
 
     def _generator(self, member: str) -> torch.Generator:
-        """Seeded by member, step and process, which must not share noise, but not by what other members there are."""
+        """Return a generator seeded by member, step and process: no two of them share noise."""
         stream = f"{self.seed} {member} {self.global_step} {self.global_rank}"
         return torch.Generator(device=self.device).manual_seed(zlib.crc32(stream.encode()))
 

@@ -1,4 +1,4 @@
-"""Which of two nodes is the one that moves, where the motif cannot tell: it decides the sign of the control error."""
+"""Fit of the order of nodes that a motif does not tell apart, which decides the sign of the control error."""
 
 import torch
 from torch import Tensor
@@ -12,8 +12,8 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.reward import error_change, reward
 from geoskill.training.error_changes import error_changes
 
-# Assumed at least, as a share of a descriptor's norm: without noise, few features would have no unique solution.
-LEAST_NOISE = 0.1
+# Least assumed noise, over a descriptor's norm: without noise, few features would have no unique solution.
+MIN_NOISE = 0.1
 
 
 def fit_node_order(
@@ -22,23 +22,23 @@ def fit_node_order(
     objective: ObjectiveConfig,
     descriptor_noise: float,
 ) -> None:
-    """Fit each member's ``node_order``, by which :meth:`KernelModel.moving_node_first` lists the nodes of an association.
+    """Fit each member's ``node_order``, by which :meth:`KernelModel.moving_node_first` orders an association's nodes.
 
-    A linear regression: of the two nodes of an instance that came closer, w·(f_i - f_j) is to be the difference of
-    their displacements over their sum, weighted by the reward that the instance earned. The sum is taken in expectation
-    over noise on the descriptors, since on another video they differ: that is ridge regression. The reward scale must
-    be fitted. Nothing is fitted for a member none of whose instances earns anything.
+    This is a linear regression: for the two nodes of an instance that came closer, w·(f_i - f_j) is to be the
+    difference of the distances that they moved over the sum of these, weighted by the reward that the instance earned.
+    The sum of squares is taken in expectation over noise on the descriptors, since they differ in another video, which
+    makes it a ridge regression. The reward scale must be fitted. A member without any rewarded instance stays as it is.
 
     Args:
         members: by name; those whose motif tells its nodes apart stay as they are.
         demonstration: the transitions.
-        objective: gives the kind of change that is rewarded.
+        objective: gives the measure of change that is rewarded.
         descriptor_noise: norm of the noise over the norm of a descriptor.
     """
-    noise = max(descriptor_noise, LEAST_NOISE)
+    noise = max(descriptor_noise, MIN_NOISE)
     for name, member in members.items():
-        exchanged = sorted({order[0] for order in automorphisms(member.kernel)} - {0})
-        if not exchanged:
+        equivalent_nodes = sorted({order[0] for order in automorphisms(member.kernel)} - {0})
+        if not equivalent_nodes:
             continue
         role = member.kernel.roles[0]
         width = demonstration.graph_without_negatives(name, 0)[f"{role}_descriptor"].shape[1]
@@ -48,29 +48,32 @@ def fit_node_order(
             descriptors = graph[f"{role}_descriptor"]
             weight = reward(error_changes(member, graph, objective.change), member.beta[int(graph.span_index)])
             weight = weight.clamp_min(0.0)
-            moved = _displacements(graph, role)
-            for other in exchanged:
-                pairs = graph.instance_index[[0, other]]
-                first, second = moved[pairs]
+            distances = _distances_moved(graph, role)
+            for node in equivalent_nodes:
+                pairs = graph.instance_index[[0, node]]
+                first, second = distances[pairs]
                 difference = error_change(second, first, "relative", member.kernel.resolution)
                 moment, product = _normal_equations(descriptors, pairs, weight, difference)
                 moments, products = moments + moment, products + product
                 total += float(weight.sum())
         if total > 0:
-            # Two descriptors, each with noise of this norm spread over its components.
+            # Two descriptors, both with noise of this norm spread over their components.
             ridge = 2 * total * noise**2 / width
             member.set_node_order(torch.linalg.solve(moments + ridge * torch.eye(width), products))
 
 
-def _displacements(graph: MotifGraph, role: NodeType) -> Tensor:
-    """``[n]``, how far each feature of a type goes in the transition, in pixels; lines by their midpoints."""
-    way = graph[f"{role}_next_geometry"] - graph[f"{role}_geometry"]
-    displacements: Tensor = way.reshape(len(way), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
-    return displacements
+def _distances_moved(graph: MotifGraph, role: NodeType) -> Tensor:
+    """Return how far each feature of a type moves in the transition, ``[n]`` in pixels; lines by their midpoints."""
+    displacement = graph[f"{role}_next_geometry"] - graph[f"{role}_geometry"]
+    distances: Tensor = displacement.reshape(len(displacement), role.geometry_dim // 2, 2).mean(dim=1).norm(dim=1)
+    return distances
 
 
 def _normal_equations(descriptors: Tensor, pairs: Tensor, weight: Tensor, difference: Tensor) -> tuple[Tensor, Tensor]:
-    """Sums of w (f_i - f_j)(f_i - f_j)ᵀ and of w y (f_i - f_j) over the pairs, by the Laplacian of their graph."""
+    """Return the sums of w (f_i - f_j)(f_i - f_j)ᵀ and of w y (f_i - f_j) over the pairs.
+
+    Computed by the Laplacian of the graph of pairs, without a row per pair.
+    """
     count = len(descriptors)
     adjacency = torch.zeros(count, count).index_put_((pairs[0], pairs[1]), weight, accumulate=True)
     adjacency = adjacency + adjacency.T

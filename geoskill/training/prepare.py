@@ -24,12 +24,20 @@ from geoskill.skill.spec import SkillComponents
 Source = str | Path | FrameSource | np.ndarray | Sequence[np.ndarray]
 """A path, an opened source, or RGB pictures: an array ``[T, H, W, 3]`` or a sequence of ``[H, W, 3]``, uint8."""
 
+DEMONSTRATIONS = "a video file, a folder of images, or an array of pictures"
+
 
 def as_sources(demonstrations: Source | Iterable[Source]) -> Sequence[Source] | Iterable[Source]:
-    """Return demonstrations one by one; a single one becomes a sequence of one."""
+    """Return demonstrations one by one; a single one becomes a sequence of one.
+
+    Raises:
+        InputError: when there cannot be any in it.
+    """
     if isinstance(demonstrations, str | Path | FrameSource | np.ndarray):
         return [demonstrations]
-    if isinstance(demonstrations, Sequence) and len(demonstrations) and np.ndim(_picture(demonstrations[0])) == 3:
+    if not isinstance(demonstrations, Iterable):
+        raise InputError(f"demonstrations={demonstrations!r}: expected {DEMONSTRATIONS}")
+    if isinstance(demonstrations, Sequence) and len(demonstrations) and np.ndim(_picture(demonstrations[0])) in (2, 3):
         return [[_picture(picture) for picture in demonstrations]]  # the pictures of one
     return demonstrations
 
@@ -63,15 +71,19 @@ def prepare(
                 components.pipelines,
                 components.members,
                 gap=config.demonstration.gap,
-                horizon=config.demonstration.max_span_ratio,
+                max_span_ratio=config.demonstration.max_span_ratio,
                 num_negatives=config.demonstration.num_negatives,
                 progress=_silent if progress is None else progress,
                 name=opened.name,
                 threads=torch.get_num_threads() if config.threads is None else config.threads,
+                trajectory=config.demonstration.trajectory,
+                negatives=config.demonstration.negatives,
             )
         )
         names.append(opened.name)
         size = size if any(size) else (pictures[0].shape[1], pictures[0].shape[0])
+    if not prepared:
+        raise InputError(f"no demonstration; expected {DEMONSTRATIONS}")
     provenance = Provenance(
         sources=tuple(names),
         image_size=size,
@@ -89,8 +101,10 @@ def _opened(source: Source, number: int) -> FrameSource:
         opened = source
     elif isinstance(source, str | Path):
         opened = open_frames(source)
-    else:
+    elif isinstance(source, np.ndarray | list | tuple):
         opened = ArrayFrames(source, name=f"demonstration {number}")
+    else:
+        raise InputError(f"demonstration {number} is {source!r}; expected {DEMONSTRATIONS}")
     if isinstance(opened, Camera):
         raise InputError(f"{opened.name} is a camera; expected a video file or a folder of images")
     return opened

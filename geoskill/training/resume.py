@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from torch import nn
 
+from geoskill.config import TrainConfig
 from geoskill.errors import InputError
 from geoskill.model.kernel_model import KernelModel
 from geoskill.schema import as_plain
@@ -12,6 +13,7 @@ from geoskill.skill.spec import SkillSpec
 
 # Arguments of a network that change neither its weights nor their meaning.
 FREE_ARGUMENTS = ("cascade", "precision", "memory_mb")
+TRAINING_STATE = {"callbacks", "epoch", "global_step", "loops", "optimizer_states"}
 
 
 def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count: int) -> None:
@@ -20,6 +22,10 @@ def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count:
     Raises:
         InputError: in that case.
     """
+    if not stored.contents.keys() >= TRAINING_STATE:
+        raise InputError(
+            f"{stored.path}: holds a skill, but not the state of its training; expected init_from={stored.path}"
+        )
     _require_same_parts(stored, spec, free=())
     if stored.provenance.scene != scene:
         raise InputError(
@@ -38,11 +44,19 @@ def require_same_spans(stored: StoredSkill, spans: Sequence[int]) -> None:
         InputError: in that case.
     """
     for weights in stored.weights.values():
-        if weights["spans"].tolist() != list(spans):
+        learned = weights["spans"].tolist() if "spans" in weights else []
+        if learned != list(spans):
             raise InputError(
-                f"{stored.path}: learned from transitions over {weights['spans'].tolist()} frames; expected those of"
-                f" this demonstration, {list(spans)}"
+                f"{stored.path}: learned from transitions over {learned} frames; expected those of this demonstration,"
+                f" {list(spans)}"
             )
+
+
+def is_complete(stored: StoredSkill, config: TrainConfig) -> bool:
+    """Return whether a checkpoint has all of its epochs, or was finished before them by early stopping."""
+    done, wanted = stored.provenance.epochs
+    stopped_early = stored.provenance.finished and done < wanted and config.early_stopping.patience is not None
+    return stopped_early or done >= config.trainer.max_epochs
 
 
 def initialize(members: Mapping[str, KernelModel], spec: SkillSpec, stored: StoredSkill) -> None:

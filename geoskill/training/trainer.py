@@ -11,7 +11,7 @@ from lightning import Callback, Trainer
 from lightning.pytorch.accelerators import CUDAAccelerator, MPSAccelerator
 from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
 
-from geoskill.config import OptimizerConfig, TrainConfig
+from geoskill.config import OptimizerConfig, TrainConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.schema import as_plain
 from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
@@ -45,13 +45,7 @@ def build_trainer(
         checkpoint: file of the checkpoint, or None.
         loggers: Lightning's.
         progress_bar: whether to show one, where there is a terminal.
-
-    Raises:
-        InputError: when Lightning refuses a value, or there is no such device.
     """
-    settings = as_plain(config.trainer)
-    if settings["accelerator"] == "gpu" and not (CUDAAccelerator.is_available() or MPSAccelerator.is_available()):
-        raise InputError("accelerator=gpu: PyTorch finds no GPU here; expected cpu (trainer=cpu)")
     callbacks: list[Callback] = [table]
     if config.ema_decay is not None:
         # Buffers are fitted statistics, which have no average.
@@ -61,16 +55,28 @@ def build_trainer(
     callbacks.append(record)
     if checkpoint is not None:
         callbacks.append(ResumableCheckpoint(checkpoint))
+    settings = as_plain(config.trainer)
     # Elsewhere than on a terminal a bar shows nothing before the end, and leaves control characters.
     settings["enable_progress_bar"] &= progress_bar and sys.stdout.isatty()
+    return Trainer(
+        **settings,
+        logger=list(loggers) or False,
+        callbacks=callbacks,
+        default_root_dir=None if checkpoint is None else str(checkpoint.parent),
+        enable_checkpointing=checkpoint is not None,
+        enable_model_summary=False,
+    )
+
+
+def require_usable(config: TrainerConfig) -> None:
+    """Refuse what Lightning cannot train with here, before any work is done.
+
+    Raises:
+        InputError: when there is no such device, or Lightning refuses a value.
+    """
+    if config.accelerator == "gpu" and not (CUDAAccelerator.is_available() or MPSAccelerator.is_available()):
+        raise InputError("accelerator=gpu: PyTorch finds no GPU here; expected cpu (trainer=cpu)")
     try:
-        return Trainer(
-            **settings,
-            logger=list(loggers) or False,
-            callbacks=callbacks,
-            default_root_dir=None if checkpoint is None else str(checkpoint.parent),
-            enable_checkpointing=checkpoint is not None,
-            enable_model_summary=False,
-        )
+        Trainer(**as_plain(config), logger=False, enable_checkpointing=False, enable_model_summary=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"trainer: {error}") from error

@@ -1,1 +1,1 @@
-"""Overlays and plots."""
+"""Overlays, plots and videos."""

@@ -1,7 +1,7 @@
-"""Curves of a training run and of an inference, as PNG pictures.
+"""Curves of a training run and of an inference run, as PNG images.
 
-Figures are made through matplotlib's object interface, so nothing here touches the global state of pyplot, needs a
-display or keeps a figure alive.
+Figures are made with matplotlib's object interface, which needs no display, keeps no figure alive and leaves the global
+state of pyplot alone.
 """
 
 import csv
@@ -19,9 +19,9 @@ from geoskill.errors import InputError
 from geoskill.io.atomic import atomic_path
 
 Curve: TypeAlias = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-"""Steps or frames, and a value at each; NaN leaves a gap."""
+"""Steps or frames, and the value at each of them; NaN leaves a gap."""
 
-# Okabe and Ito's colors, which color-blind eyes tell apart, without their yellow, which is too pale for a line.
+# Okabe and Ito's palette, distinct for color-blind people, without its yellow, which is too pale for a line.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 LINE_STYLES = ("-", "--", ":", "-.")
 
@@ -43,33 +43,36 @@ _TRAINING_PANELS = (
 
 
 def plot_training(csv_path: Path, picture_path: Path) -> None:
-    """Objective, reward, RSW (residual sum of weights, in %) and Ec over the steps of a training run.
+    """Plot objective, reward, RSW (residual sum of weights, in %) and Ec over the steps of a training run.
 
     Args:
-        csv_path: a table with a column ``step`` and, for each ensemble member, columns such as ``p2p_sift/objective``,
+        csv_path: table with a column ``step`` and, for each ensemble member, columns such as ``p2p_sift/objective``,
             ``.../reward``, ``.../rsw`` (a fraction) and ``.../error`` (pixels). Empty and NaN cells are skipped, since
-            a row may hold some of the columns only; other columns are ignored.
-        picture_path: the PNG to write; it is replaced only once the new one is complete.
+            a row may hold values of some columns only; other columns are ignored.
+        picture_path: PNG to write; it is replaced only once the new one is complete.
 
     Raises:
-        InputError: when the table does not exist, has no such columns or no number in them, or a cell is not a number.
+        InputError: when the table cannot be read, lacks such columns or numbers in them, or a cell is not a number.
     """
     save_figure(training_figure(read_training(csv_path)), picture_path)
 
 
 def plot_inference(rows: Sequence[tuple[int, str, float, float]], picture_path: Path) -> None:
-    """The top association's control error and confidence over the frames, for each ensemble member.
+    """Plot control error and confidence of each ensemble member's top association over the frames.
 
     Args:
-        rows: frame, member, confidence in [0, 1] and the norm of the control error in pixels. A frame without
-            an instance has no row for this member, or one with NaN: a gap in the curve.
-        picture_path: the PNG to write; it is replaced only once the new one is complete.
+        rows: frame, member, confidence in [0, 1] and norm of the control error in pixels. A frame in which the member
+            has no association has no row, or one with NaN: a gap in the curve.
+        picture_path: PNG to write; it is replaced only once the new one is complete.
     """
     save_figure(inference_figure(rows), picture_path)
 
 
 def read_training(csv_path: Path) -> dict[str, dict[str, Curve]]:
-    """The curves of each metric by member, in the order of the columns; see :func:`plot_training`."""
+    """Read the curves of each metric by member, in the order of the columns.
+
+    The table and the errors are those of :func:`plot_training`.
+    """
     try:
         with open(csv_path, encoding="utf-8", newline="") as file:
             table = csv.DictReader(file)
@@ -79,14 +82,14 @@ def read_training(csv_path: Path) -> dict[str, dict[str, Curve]]:
         raise InputError(f"{csv_path}: cannot be read ({error}); expected a table of training metrics") from error
     metrics = [panel.metric for panel in _TRAINING_PANELS]
     split = {column: column.rsplit("/", 1) for column in columns if "/" in column}
-    wanted = {column: (member, metric) for column, (member, metric) in split.items() if metric in metrics}
-    if "step" not in columns or not wanted:
+    plotted = {column: (member, metric) for column, (member, metric) in split.items() if metric in metrics}
+    if "step" not in columns or not plotted:
         raise InputError(
             f"{csv_path}: its columns are {', '.join(columns) or 'none'}; expected step and, for each member, "
             f"{', '.join(f'<member>/{metric}' for metric in metrics)}"
         )
     curves: dict[str, dict[str, Curve]] = {metric: {} for metric in metrics}
-    for column, (member, metric) in wanted.items():
+    for column, (member, metric) in plotted.items():
         points = []
         for line, row in enumerate(rows, start=2):
             step, value = (_number(row[name], f"{csv_path} line {line}, {name}") for name in ("step", column))
@@ -101,7 +104,7 @@ def read_training(csv_path: Path) -> dict[str, dict[str, Curve]]:
 
 
 def training_figure(curves: Mapping[str, Mapping[str, Curve]]) -> Figure:
-    """Four panels: a line per member for ``objective``, ``reward``, ``rsw`` (a fraction) and ``error`` (pixels)."""
+    """Draw four panels with a line per member: objective, reward, RSW in % (from a fraction) and error in pixels."""
     figure = Figure(figsize=(9.0, 6.0), dpi=150, layout="constrained")
     members = list(dict.fromkeys(member for by_member in curves.values() for member in by_member))
     for axes, panel in zip(figure.subplots(2, 2, sharex=True).flat, _TRAINING_PANELS, strict=True):
@@ -118,7 +121,7 @@ def training_figure(curves: Mapping[str, Mapping[str, Curve]]) -> Figure:
 
 
 def inference_figure(rows: Sequence[tuple[int, str, float, float]]) -> Figure:
-    """Two panels over the frames, error above confidence; see :func:`plot_inference`."""
+    """Draw two panels over the frames, error above confidence; see :func:`plot_inference`."""
     figure = Figure(figsize=(9.0, 5.0), dpi=150, layout="constrained")
     error_axes, confidence_axes = figure.subplots(2, 1, sharex=True)
     members = list(dict.fromkeys(member for _, member, _, _ in rows))
@@ -126,8 +129,8 @@ def inference_figure(rows: Sequence[tuple[int, str, float, float]]) -> Figure:
     errors: dict[str, Curve] = {}
     confidences: dict[str, Curve] = {}
     for member in members:
-        found = {frame: (confidence, norm) for frame, name, confidence, norm in rows if name == member}
-        values = np.array([found.get(frame, (math.nan, math.nan)) for frame in frames], np.float64)
+        by_frame = {frame: (confidence, norm) for frame, name, confidence, norm in rows if name == member}
+        values = np.array([by_frame.get(frame, (math.nan, math.nan)) for frame in frames], np.float64)
         confidences[member] = (np.asarray(frames, np.float64), values[:, 0])
         errors[member] = (np.asarray(frames, np.float64), values[:, 1])
     _draw_curves(error_axes, errors, members)
@@ -147,15 +150,15 @@ def _draw_curves(axes: Axes, curves: Mapping[str, Curve], members: Sequence[str]
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.02)
     for member, (x, y) in curves.items():
-        place = members.index(member)
+        number = members.index(member)
         axes.plot(
             x,
             y,
             label=member,
-            color=COLORS[place % len(COLORS)],
-            linestyle=LINE_STYLES[place // len(COLORS) % len(LINE_STYLES)],
+            color=COLORS[number % len(COLORS)],
+            linestyle=LINE_STYLES[number // len(COLORS) % len(LINE_STYLES)],
             linewidth=1.4,
-            # A point between two gaps, or the only one, has no line.
+            # A value between two gaps, or the only one, has no line.
             marker=".",
             markersize=3.0,
         )
@@ -175,16 +178,16 @@ def _add_legend(figure: Figure, members: Sequence[str]) -> None:
         )
 
 
-def _number(text: str | None, place: str) -> float:
+def _number(text: str | None, cell: str) -> float:
     if text is None or not text.strip():
         return math.nan
     try:
         return float(text)
     except ValueError as error:
-        raise InputError(f"{place}: {text!r} is not a number; expected one or an empty cell") from error
+        raise InputError(f"{cell}: {text!r} is not a number; expected one or an empty cell") from error
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a PNG, which takes its place only when it is complete."""
+    """Write a figure as PNG; an existing file is replaced only once the new one is complete."""
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png")

@@ -1,7 +1,7 @@
 """Writing of H.264 video that every browser and player shows."""
 
 import math
-import os
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.errors import InputError
+from geoskill.io.atomic import atomic_path
 
 CONTAINER_SUFFIXES = (".mp4", ".mov", ".mkv")
 # The first one that the installed av was built with; the others encode in software or come with an operating system.
@@ -45,7 +46,7 @@ class VideoWriter:
             raise InputError(f"frame_rate is {frame_rate}; expected a positive number of frames per second")
         self._frame_rate = Fraction(frame_rate).limit_denominator(1001)
         self._encoder = _available_encoder()
-        self._partial = self._path.with_name(f".{self._path.stem}.{os.getpid()}.partial{self._path.suffix.lower()}")
+        self._stack = ExitStack()
         self._container: av.container.OutputContainer | None = None
         self._stream: av.VideoStream | None = None
         self._shape: tuple[int, ...] = ()
@@ -55,7 +56,7 @@ class VideoWriter:
         return self
 
     def write(self, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Appends a frame.
+        """Append a frame.
 
         Raises:
             ValueError: when it is not 8-bit RGB or not of the first frame's size.
@@ -76,23 +77,22 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if self._container is None:
-            return
-        try:
-            try:
-                if error is None and self._stream is not None:
-                    self._container.mux(self._stream.encode(None))
-            finally:
-                self._container.close()
-            if error is None:
-                os.replace(self._partial, self._path)
-        finally:
-            self._partial.unlink(missing_ok=True)
+        # In this order: the last frames are encoded, the container is closed, and the file gets its name.
+        self._stack.__exit__(kind, error, traceback)
+
+    def _flush(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if error is None and self._container is not None and self._stream is not None:
+            self._container.mux(self._stream.encode(None))
 
     def _opened(self, width: int, height: int) -> tuple[av.container.OutputContainer, av.VideoStream]:
         if self._container is None or self._stream is None:
             # The index in front lets a browser play the file while it loads.
-            self._container = av.open(str(self._partial), "w", options={"movflags": "faststart"})
+            temporary = self._stack.enter_context(atomic_path(self._path))
+            self._container = av.open(str(temporary), "w", options={"movflags": "faststart"})
+            self._stack.enter_context(self._container)
+            self._stack.push(self._flush)
             stream = self._container.add_stream(self._encoder, rate=self._frame_rate)
             if not isinstance(stream, av.VideoStream):
                 raise RuntimeError(f"encoder {self._encoder} made a {stream.type} stream; expected video")

@@ -18,7 +18,7 @@ from geoskill.benchmarks.rates import relative_rate
 from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
 from geoskill.io.video import ImageFolder
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec
 
 WORKLOADS = ["read", "extract", "extract, 2 at once", "select", "all, in turn", "all, overlapped"]
 
@@ -41,7 +41,7 @@ def test_pipeline_writes_table_json_and_plot(demonstration_folder: Path, tmp_pat
     content = json.loads((tmp_path / "pipeline.json").read_text())
     assert (content["source"], content["frames"]) == (str(demonstration_folder), 3)
     assert (content["image_size"], content["machine"]["threads"]) == ([160, 120], 2)
-    assert content["skill"]["model"]["hidden_dim"] == 8
+    assert content["skill"]["model"]["arguments"]["hidden_dim"] == 8
     assert list(content["workloads"]) == WORKLOADS
     for rates in content["workloads"].values():
         assert len(rates["seconds"]) == 2
@@ -75,8 +75,8 @@ def test_relative_rate_compares_within_a_round() -> None:
 
 
 @pytest.fixture
-def stages(demonstration_folder: Path, description: dict[str, Any]) -> Stages:
-    return Stages.of(ImageFolder(demonstration_folder), 4, build(description), "cpu", 3)
+def stages(demonstration_folder: Path, spec: SkillSpec) -> Stages:
+    return Stages.of(ImageFolder(demonstration_folder), 4, spec, "cpu", 3)
 
 
 def test_workloads_process_all_frames_with_the_same_skill(
@@ -119,14 +119,14 @@ def test_prototypes_are_descriptors_of_the_video(stages: Stages) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["frames=0"], "frames=0: expected at least 1"),
-        (["repeats=0"], "repeats=0: expected at least 1"),
-        (["threads=0"], "threads=0: expected at least 1"),
+        (["frames=0"], "frames=0: expected a whole number of at least 1"),
+        (["repeats=0"], "repeats=0: expected a whole number of at least 1"),
+        (["threads=0"], "threads=0: expected a whole number of at least 1, or null"),
         (["threads=x"], "threads=x: expected a whole number"),
         (["device=tpu"], "device=tpu: expected cpu or cuda"),
-        (["inference.alternatives=0"], "inference.alternatives=0: expected at least 1"),
-        (["model.hidden_dim=0"], "model.hidden_dim=0: expected at least 1"),
-        (["features.max_features=1"], "features.max_features=1: expected at least 2"),
+        (["top_k=0"], "top_k=0: expected a whole number of at least 1"),
+        (["model.hidden_dim=0"], "model.hidden_dim=0: expected a whole number of at least 1"),
+        (["features.max_features=1"], "features.max_features=1: expected a whole number of at least 2"),
         (["descriptor=lbd"], "kernel=p2p joins a point"),
         (["video=/no/such.mp4"], "'/no/such.mp4' does not exist"),
         (["video=98"], "camera 98: cannot be opened"),
@@ -145,6 +145,7 @@ def test_pipeline_rejects_bad_input(
 ) -> None:
     from hydra.core.global_hydra import GlobalHydra
 
+    from geoskill.benchmarks.config import PipelineConfig
     from geoskill.benchmarks.pipeline import measure
     from geoskill.cli.command import run_command
 
@@ -153,7 +154,7 @@ def test_pipeline_rejects_bad_input(
     monkeypatch.setattr(sys, "argv", ["pipeline", *arguments, f"hydra.run.dir={tmp_path}"])
     GlobalHydra.instance().clear()
     with pytest.raises(SystemExit) as exit_info:
-        run_command("pipeline", measure)
+        run_command("pipeline", PipelineConfig, measure)
     message_printed = capsys.readouterr().err
     assert exit_info.value.code == 2
     assert message_printed.startswith(f"error: {message}")
@@ -161,11 +162,11 @@ def test_pipeline_rejects_bad_input(
     assert not (tmp_path / "pipeline.json").exists()
 
 
-def test_stages_reject_video_without_features(tmp_path: Path, description: dict[str, Any]) -> None:
+def test_stages_reject_video_without_features(tmp_path: Path, spec: SkillSpec) -> None:
     import cv2
 
     from geoskill.errors import InputError
 
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((60, 80, 3), np.uint8))
     with pytest.raises(InputError, match=r"no point in 1 frames; expected some for p2p_sift"):
-        Stages.of(ImageFolder(tmp_path), 4, build(description), "cpu", 2)
+        Stages.of(ImageFolder(tmp_path), 4, spec, "cpu", 2)

@@ -7,8 +7,9 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from geoskill.benchmarks.cases import Case, available_precisions, prepare
 from geoskill.benchmarks.matmul_bound import required_products
-from geoskill.benchmarks.options import option_names
+from geoskill.benchmarks.options import PRESETS, build_network, kernel_of, network_arguments
 from geoskill.benchmarks.pyg_reference import PygNetwork, instance_batch
+from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.l2l import LineToLine
@@ -86,6 +87,24 @@ def test_workloads_are_repeatable(job: str, model: str, precision: str) -> None:
             assert torch.equal(first, second)
 
 
-def test_option_names_are_those_of_the_configuration() -> None:
-    assert set(option_names("model")) >= {"default", "paper", "bilinear", "prototypes"}
-    assert set(option_names("kernel")) >= {"p2p", "l2l", "p2l"}
+def test_networks_are_those_of_the_configuration() -> None:
+    assert set(PRESETS) == {"default", "paper", "bilinear", "prototypes"}
+    names = {preset: network_arguments(preset)["name"] for preset in PRESETS}
+    assert names == {
+        "default": "message_passing",
+        "paper": "message_passing",
+        "bilinear": "bilinear",
+        "prototypes": "prototypes",
+    }
+    assert network_arguments("default") != network_arguments("paper")
+    motif = Motif.of(PointToPoint(), {NodeType.POINT: 12})
+    for preset in PRESETS:
+        assert type(build_network(network_arguments(preset), motif)).name == names[preset]
+    with pytest.raises(InputError, match=r"^models=large: expected some of default, paper, bilinear, prototypes$"):
+        network_arguments("large")
+
+
+def test_kernels_are_those_of_the_registry() -> None:
+    assert [type(kernel_of(name)) for name in ("p2p", "l2l", "p2l")] == [PointToPoint, LineToLine, PointToLine]
+    with pytest.raises(InputError, match=r"^kernel=p2q: no such kernel; expected one of "):
+        kernel_of("p2q")

@@ -100,7 +100,7 @@ def tiny(demonstration_folder: Path) -> Sequence[str]:
         "threads=1",
         "features.min_side=0",
         "features.max_features=20",
-        "demonstration.horizon=0",
+        "demonstration.max_span_ratio=0",
         "trainer.max_epochs=2",
         "trainer.limit_train_batches=3",
     )

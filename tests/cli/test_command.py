@@ -1,6 +1,7 @@
-"""The commands as processes: what only a real one shows."""
+"""The commands as processes: help, Ctrl-C, kill, wandb and other folders."""
 
 import csv
+import json
 import os
 import resource
 import shlex
@@ -8,15 +9,19 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from hydra.errors import ConfigCompositionException
 
 from geoskill.cli.command import explain
 from geoskill.errors import InputError
+from geoskill.skill.checkpoint import read_skill
+from geoskill.skill.skill import Skill
 
 Command = Callable[..., Any]
 
@@ -24,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("name", ["train", "infer", "evaluate"])
-def test_help_answers_at_once(environment: dict[str, str], name: str) -> None:
+def test_help_is_quick_and_imports_nothing_heavy(environment: dict[str, str], name: str) -> None:
     program = (
         f"import sys, runpy; sys.argv = ['{name}.py', '--help']\n"
         f"try: runpy.run_path('{name}.py', run_name='__main__')\n"
@@ -43,17 +48,22 @@ def test_help_answers_at_once(environment: dict[str, str], name: str) -> None:
     assert ended.stdout.splitlines()[-1] == "heavy: []"
 
 
-def test_explained_causes() -> None:
+def test_explain() -> None:
     wrapped = RuntimeError("while building")
     wrapped.__cause__ = InputError("model.layers=0: expected\nat least 1")
-    assert explain(wrapped) == (2, "model.layers=0: expected at least 1")
+    assert explain(wrapped, "train") == (2, "model.layers=0: expected at least 1")
     full = OSError(28, "No space left on device", "/run/skill.ckpt")
-    assert explain(full) == (1, "/run/skill.ckpt: no space left on the disk; nothing that was complete is lost")
-    assert explain(OSError(13, "Permission denied", "/run"))[0] == 1
-    status, message = explain(ConfigCompositionException("Could not override 'see'.\nTo append to your config use +"))
+    assert explain(full, "train") == (
+        1,
+        "/run/skill.ckpt: no space left on the disk; nothing that was complete is lost",
+    )
+    assert explain(OSError(13, "Permission denied", "/run"), "train")[0] == 1
+    status, message = explain(
+        ConfigCompositionException("Could not override 'see'.\nTo append to your config use +"), "train"
+    )
     assert (status, message.splitlines()) == (2, [message])
     assert "'see'" in message
-    assert explain(ZeroDivisionError("x")) == (1, "ZeroDivisionError: x (debug=true shows where)")
+    assert explain(ZeroDivisionError("x"), "train") == (1, "ZeroDivisionError: x (debug=true shows where)")
 
 
 def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]") -> None:
@@ -68,9 +78,7 @@ def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]")
 
 
 @pytest.mark.slow
-def test_ctrl_c_says_how_to_go_on_and_that_works(
-    environment: dict[str, str], tiny: Sequence[str], tmp_path: Path
-) -> None:
+def test_ctrl_c_says_how_to_go_on(environment: dict[str, str], tiny: Sequence[str], tmp_path: Path) -> None:
     run = tmp_path / "a run"  # a space, which the shown command must quote
     many = "trainer.max_epochs=100000", "early_stopping.patience=null", "descriptor=[sift,lbd]"
     process = subprocess.Popen(
@@ -120,10 +128,126 @@ def test_ctrl_c_says_how_to_go_on_and_that_works(
     assert (resumed / "associations.jsonl").is_file()
 
 
+# Runs train.py, and kills the process in the last of so many calls of a function.
+KILLED = """
+import os, runpy, signal, sys
+from importlib import import_module
+module, owner, name, calls, when = sys.argv.pop(1).split(":")
+owner = getattr(import_module(module), owner)
+original, count = getattr(owner, name), 0
+
+def counting(*arguments, **named):
+    global count
+    count += 1
+    if count == int(calls) and when == "before":
+        os.kill(os.getpid(), signal.SIGKILL)
+    result = original(*arguments, **named)
+    if count == int(calls):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return result
+
+setattr(owner, name, counting)
+sys.argv[0] = "train.py"
+runpy.run_path("train.py", run_name="__main__")
+"""
+CALLBACKS = "geoskill.training.callbacks"
+# Of two epochs of three steps; the first checkpoint is written before any step.
+MOMENTS = {
+    "after the first checkpoint": (f"{CALLBACKS}:ResumableCheckpoint:_save:1:after", 0, False),
+    "in the first epoch": (f"{CALLBACKS}:MetricsTable:on_train_batch_end:2:after", 0, False),
+    "after the first epoch": (f"{CALLBACKS}:ResumableCheckpoint:_save:2:after", 1, False),
+    "in the last epoch": (f"{CALLBACKS}:MetricsTable:on_train_batch_end:5:after", 1, False),
+    "before the last checkpoint": (f"{CALLBACKS}:ResumableCheckpoint:_save:3:before", 1, False),
+    "while the last checkpoint is written": ("lightning:Trainer:save_checkpoint:3:after", 1, False),
+    "after the last checkpoint": (f"{CALLBACKS}:ResumableCheckpoint:_save:3:after", 2, True),
+    "before the end of training": (f"{CALLBACKS}:SkillRecord:on_train_end:1:before", 2, True),
+}
+
+
+def same_weights(one: Path, other: Path) -> bool:
+    ours, theirs = (torch.load(path, weights_only=True)["state_dict"] for path in (one, other))
+    return ours.keys() == theirs.keys() and all(torch.equal(ours[key], theirs[key]) for key in ours)
+
+
 @pytest.mark.slow
-def test_wandb_is_offline_and_asks_nobody(
-    environment: dict[str, str], script: Command, tiny: Sequence[str], tmp_path: Path
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_killed_training_leaves_a_checkpoint_that_can_be_finished(
+    environment: dict[str, str],
+    command: Command,
+    tiny: Sequence[str],
+    trained: Any,
+    tmp_path: Path,
+    moment: str,
 ) -> None:
+    call, epochs, finished = MOMENTS[moment]
+    run = tmp_path / "run"
+    ended = subprocess.run(
+        [sys.executable, "-c", KILLED, call, *tiny, f"hydra.run.dir={run}"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    assert not (run / "associations.jsonl").exists()
+    checkpoint = run / "skill.ckpt"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        skill = Skill.load(checkpoint)
+    assert (skill.provenance.finished, skill.provenance.epochs) == (finished, (epochs, 2))
+    said = [str(warning.message) for warning in caught if "unfinished" in str(warning.message)]
+    assert [f"({epochs} of 2 epochs)" in text and f"ckpt_path={checkpoint}" in text for text in said] == [True] * (
+        not finished
+    )
+    assert same_weights(checkpoint, trained.folder / "skill.ckpt") == finished
+
+    resumed = command("train", *tiny, f"ckpt_path={checkpoint}", f"hydra.run.dir={tmp_path / 'resumed'}")
+    assert (resumed.status, resumed.stderr) == (0, "")
+    assert same_weights(resumed.folder / "skill.ckpt", trained.folder / "skill.ckpt")  # the margin is one of them
+    for name in ("associations.jsonl", "skill.yaml", "metrics.csv"):
+        assert (resumed.folder / name).read_text() == (trained.folder / name).read_text(), name
+    metrics = [json.loads((folder / "metrics.json").read_text()) for folder in (resumed.folder, trained.folder)]
+    assert metrics[0] == metrics[1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Skill.load(resumed.folder).provenance.finished
+
+
+@pytest.mark.slow
+def test_early_stopped_training_that_was_killed_is_finished_without_another_epoch(
+    environment: dict[str, str], command: Command, tiny: Sequence[str], tmp_path: Path
+) -> None:
+    stopping = ["early_stopping.patience=0", "early_stopping.min_delta=1000", "trainer.max_epochs=5"]
+    unbroken = command("train", *tiny, *stopping, f"hydra.run.dir={tmp_path / 'unbroken'}")
+    assert unbroken.status == 0, unbroken.stderr
+    run = tmp_path / "run"
+    killed = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            KILLED,
+            MOMENTS["after the last checkpoint"][0],
+            *tiny,
+            *stopping,
+            f"hydra.run.dir={run}",
+        ],
+        cwd=ROOT,
+        env=environment,
+        timeout=600,
+        check=False,
+    )
+    assert killed.returncode == -signal.SIGKILL
+    assert read_skill(run).provenance.epochs == (2, 5)
+    resumed = command("train", *tiny, *stopping, f"ckpt_path={run / 'skill.ckpt'}", f"hydra.run.dir={tmp_path / 'on'}")
+    assert (resumed.status, resumed.stderr) == (0, "")
+    assert same_weights(resumed.folder / "skill.ckpt", unbroken.folder / "skill.ckpt")
+    assert (resumed.folder / "associations.jsonl").read_text() == (unbroken.folder / "associations.jsonl").read_text()
+
+
+@pytest.mark.slow
+def test_wandb_is_offline(environment: dict[str, str], script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     ended = script(
         "train",
         *(override for override in tiny if override != "logger=none"),
@@ -142,7 +266,7 @@ def test_wandb_is_offline_and_asks_nobody(
 
 
 @pytest.mark.slow
-def test_from_another_folder(environment: dict[str, str], tiny: Sequence[str], tmp_path: Path) -> None:
+def test_training_from_another_folder(environment: dict[str, str], tiny: Sequence[str], tmp_path: Path) -> None:
     ended = subprocess.run(
         [sys.executable, "-m", "geoskill.cli.train", *tiny],
         cwd=tmp_path,

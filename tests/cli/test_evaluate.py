@@ -28,7 +28,7 @@ def write_regions(path: Path, moving_is_object: bool) -> Path:
     return path
 
 
-def test_scores_and_verdicts(
+def test_metrics_and_frame_results(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
     regions = write_regions(tmp_path / "regions.json", True)
@@ -40,7 +40,7 @@ def test_scores_and_verdicts(
     expected = {"frames", "feasible_frames", "top1_accuracy", "hand_rate", "mean_confidence", "rsw"}
     assert expected | {"switches_per_frame"} <= figures.keys()
     assert figures["frames"] == FRAMES
-    with (run / "verdicts.csv").open(newline="") as file:
+    with (run / "frames.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["frame"]) for row in rows] == list(range(FRAMES))
 
@@ -67,7 +67,7 @@ def test_scores_and_verdicts(
     assert figures["top1_accuracy"] == pytest.approx(correct / feasible)
 
 
-def test_who_is_never_sure_selects_nothing(
+def test_abstaining_always_selects_nothing(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:
     regions = write_regions(tmp_path / "regions.json", True)
@@ -78,16 +78,16 @@ def test_who_is_never_sure_selects_nothing(
     assert (figures["frames_without_association"], figures["top1_accuracy"], figures["precision"]) == (FRAMES, 0, None)
 
 
-def test_every_few_frames(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
+def test_every_seventh_frame(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
     regions = write_regions(tmp_path / "regions.json", False)
     arguments = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", "every=7"]
     ended = command("evaluate", *arguments, f"hydra.run.dir={tmp_path}")
     assert ended.status == 0, ended.stderr
-    with (tmp_path / "verdicts.csv").open(newline="") as file:
+    with (tmp_path / "frames.csv").open(newline="") as file:
         assert [int(row["frame"]) for row in csv.DictReader(file)] == [0, 7, 14]
 
 
-def test_frames_without_labels_are_named(
+def test_frames_without_labels_are_counted(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:
     regions = write_regions(tmp_path / "regions.json", True)
@@ -98,5 +98,5 @@ def test_frames_without_labels_are_named(
     ended = command("evaluate", *arguments, f"hydra.run.dir={tmp_path / 'run'}")
     assert (ended.status, ended.stderr) == (0, "")
     # 0, 3 and 6 have labels; 9, 12, 15 and 18 have none.
-    assert "4 frames to be judged have no labels and were left out\n" in ended.stdout
+    assert "4 frames to be evaluated have no labels and were left out\n" in ended.stdout
     assert not (tmp_path / "run" / "evaluate.log").exists()

@@ -44,7 +44,7 @@ def decoded(path: Path) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_demonstration_again_gives_what_training_said(
+def test_demonstration_gives_the_associations_of_training(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
     ended = command("infer", f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}")
@@ -59,9 +59,7 @@ def test_the_demonstration_again_gives_what_training_said(
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 20
 
 
-def test_what_it_is_not_sure_of_is_not_selected(
-    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
-) -> None:
+def test_abstaining(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
     source = [f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}"]
     ended = command("infer", *source, "inference.abstain=1")
     assert (ended.status, ended.stderr) == (0, "")
@@ -72,7 +70,7 @@ def test_what_it_is_not_sure_of_is_not_selected(
     assert json.loads((tmp_path / "metrics.json").read_text())["frames_with_association"] == 0
 
 
-def test_a_video_file(
+def test_video_file(
     command: Command, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
     black = np.zeros_like(demonstration_frames[0])
@@ -96,7 +94,7 @@ def test_a_video_file(
 
 
 @pytest.mark.slow
-def test_what_is_done_ahead_changes_no_byte(
+def test_number_of_threads_changes_no_byte(
     script: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:
     """Nothing is cached, so that everything is extracted by as many threads as it says."""
@@ -109,7 +107,7 @@ def test_what_is_done_ahead_changes_no_byte(
     assert len(associations(tmp_path / "3")) >= 20
 
 
-def test_a_camera_is_one_frame_ahead_and_released_by_ctrl_c(
+def test_camera_is_read_one_frame_ahead_and_released_by_ctrl_c(
     skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     capture = Mock(spec=cv2.VideoCapture)
@@ -155,7 +153,7 @@ class Interrupted(FrameSource):
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_ctrl_c_keeps_what_there_is(
+def test_ctrl_c_keeps_the_results_so_far(
     threads: int, skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
     loaded, source = Skill.load(skill), Interrupted(demonstration_frames[0])

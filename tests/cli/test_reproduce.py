@@ -1,4 +1,4 @@
-"""``python reproduce.py``: its refusals, and a whole small one that goes on where it was stopped."""
+"""``python reproduce.py``: its refusals, and whole small studies that are stopped, fail and go on."""
 
 import json
 import shutil
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geoskill.cli.settings import check_kind
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from geoskill.cli.command import configuration_folder
-from geoskill.cli.settings import check_kind
+from geoskill.cli.command import FAILED_RUN, configuration_folder
 
 Command = Callable[..., Any]
 
@@ -22,6 +22,8 @@ Command = Callable[..., Any]
         ([], "error: artifact.data is not set; expected the folder of the labeled sequences (artifact.data=DIR)"),
         (["artifact.data=nowhere"], "error: artifact.data=nowhere: has no folder human1; expected one with frames"),
         (["artifact=table9"], "error: In 'reproduce': Could not find 'artifact/table9'"),
+        (["artifact=table1", "jobs=0"], "error: jobs=0: expected at least 1"),
+        (["artifact=table1", "+artifact.rows={}"], "error: artifact.rows: there is no such key; expected one of name,"),
     ],
 )
 def test_bad_input(command: Command, tmp_path: Path, arguments: Sequence[str], message: str) -> None:
@@ -30,34 +32,32 @@ def test_bad_input(command: Command, tmp_path: Path, arguments: Sequence[str], m
     assert ended.stderr.startswith(message)
 
 
-def test_jobs_must_be_positive(command: Command, tmp_path: Path, demonstration_folder: Path) -> None:
-    for name in ("human1", "robot1"):
-        (tmp_path / name).mkdir()
-    ended = command("reproduce", f"artifact.data={tmp_path}", "jobs=0", f"hydra.run.dir={tmp_path / 'run'}")
-    assert (ended.status, ended.stderr) == (2, "error: jobs=0: expected at least 1\n")
-
-
-def rows() -> list[str]:
+def variant_overrides() -> list[str]:
     folder = Path(configuration_folder()) / "artifact"
-    found = [row for path in sorted(folder.glob("*.yaml")) for row in OmegaConf.load(path).rows.values()]
-    return sorted({override for row in found for override in row})
+    variants = [overrides for path in folder.glob("*.yaml") for overrides in OmegaConf.load(path).variants.values()]
+    return sorted({override for overrides in variants for override in overrides})
 
 
-@pytest.mark.parametrize("override", rows())
-def test_what_rows_change_is_what_training_takes(override: str) -> None:
+@pytest.mark.parametrize("override", variant_overrides())
+def test_variants_change_what_training_takes(override: str) -> None:
     key, _, _ = override.partition("=")
     with initialize_config_dir(configuration_folder(), version_base="1.3"):
         default, changed = compose("train"), compose("train", [override])
     if "." in key:  # one value; a group has been composed, which refuses what there is not
-        check_kind(key, OmegaConf.select(changed, key), OmegaConf.select(default, key))
-        assert OmegaConf.select(changed, key) != OmegaConf.select(default, key)
+        value = OmegaConf.select(changed, key)
+        check_kind(key, value, OmegaConf.select(default, key))
+        # The ablations have the default among their values.
+        assert value != OmegaConf.select(default, key) or override in (
+            "objective.sigma0=0.55",
+            "objective.rsw_weight=0.1",
+            "model.layers=3",
+        )
 
 
-@pytest.mark.slow
-def test_train_score_and_go_on(
-    command: Command, tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path
-) -> None:
-    data, run = tmp_path / "data", tmp_path / "run"
+@pytest.fixture
+def study_file(tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path) -> Path:
+    """The configuration folder of a study ``tiny`` of two labeled copies of the synthetic demonstration."""
+    data = tmp_path / "data"
     square = [[100, 40], [150, 40], [150, 90], [100, 90]]
     labels = {"object": [[20, 40], [60, 40], [60, 90], [20, 90]], "target": square, "hand": []}
     for name in ("human1", "robot1"):
@@ -65,35 +65,113 @@ def test_train_score_and_go_on(
         regions = {"image_size": [160, 120], "frames": {"0": labels, "19": labels}}
         (data / f"{name}.regions.json").write_text(json.dumps(regions))
     overrides = [override for override in tiny if not override.startswith(("task", "logger", "threads"))]
-    artifact = {
+    study = {
         "name": "tiny",
         "data": str(data),
-        "train": ["task=video", "task.path=${artifact.data}/human1"],
-        "tests": {
+        "train": ["task=video", "task.path=${artifact.data}/human1", *overrides],
+        "test_sets": {
             name: [f"video=${{artifact.data}}/{name}", f"regions=${{artifact.data}}/{name}.regions.json"]
             for name in ("human1", "robot1")
         },
         "every": 5,
-        "seeds": [3],
-        "rows": {"default": overrides},
+        "seeds": [3, 4],
+        "variants": {"default": [], "sigma0=1": ["objective.sigma0=1.0"]},
         "published": {"default": {"human1": 50.0}},
-        "baseline": False,
     }
     (tmp_path / "conf" / "artifact").mkdir(parents=True)
-    (tmp_path / "conf" / "artifact" / "tiny.yaml").write_text(json.dumps(artifact))
-    arguments = ["--config-dir", str(tmp_path / "conf"), "artifact=tiny", "jobs=1", f"hydra.run.dir={run}"]
-    ended = command("reproduce", *arguments)
-    assert ended.status == 0, ended.stderr
-    assert ended.folder == run / "full"
-    scores = json.loads((run / "full" / "default" / "3" / "scores.json").read_text())
-    assert scores["seed"] == 3
-    assert scores["robot1"]["frames"] == 4
-    assert "| default | 1 |" in (run / "full" / "table.md").read_text()
-    assert "(published 50.0)" in (run / "full" / "table.md").read_text()
-    for name in ("table.csv", "table.json", "accuracy.png", "reliability.png", "training.png"):
-        assert (run / "full" / name).stat().st_size > 0
+    (tmp_path / "conf" / "artifact" / "tiny.yaml").write_text(json.dumps(study))
+    return tmp_path / "conf"
 
-    checkpoint = run / "full" / "default" / "3" / "skill.ckpt"
-    before = checkpoint.stat().st_mtime_ns
-    assert command("reproduce", *arguments).status == 0
-    assert checkpoint.stat().st_mtime_ns == before, "what is done is not done again"
+
+@pytest.mark.slow
+def test_quick_study_in_parallel(script: Command, study_file: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = ["--config-dir", str(study_file), "artifact=tiny", "jobs=2", "quick=true", f"hydra.run.dir={run}"]
+    ended = script("reproduce", *arguments)
+    assert (ended.status, ended.stderr, ended.folder) == (0, "", run / "quick")
+    scores = json.loads((run / "quick" / "table.json").read_text())["scores"]
+    assert [(variant, [training["seed"] for training in trainings]) for variant, trainings in scores.items()] == [
+        ("default", [3]),
+        ("sigma0=1", [3]),
+    ]
+    assert scores["default"][0]["robot1"]["frames"] == 2
+    assert scores["default"][0]["objective"] != scores["sigma0=1"][0]["objective"]
+    markdown = (run / "quick" / "table.md").read_text()
+    assert markdown in ended.stdout
+    assert "(published 50.0)" in markdown
+    assert len((run / "quick" / "table.csv").read_text().splitlines()) == 5
+    assert [row["variant"] for row in json.loads((run / "quick" / "summary.json").read_text())] == list(scores)
+    for name in ("accuracy.png", "reliability.png", "training.png", "summary.png"):
+        assert (run / "quick" / name).stat().st_size > 0
+    assert sorted(path.name for path in run.iterdir()) == [".hydra", "quick", "reproduce.log"]
+
+
+@pytest.mark.slow
+def test_study_goes_on_after_a_kill_and_a_failure(
+    command: Command, study_file: Path, tiny: Sequence[str], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    options = ["artifact=tiny", "jobs=1", "hydra/launcher=basic", f"hydra.run.dir={run}"]
+    arguments = ["--config-dir", str(study_file), *options, "artifact.seeds=[3]", "~artifact.test_sets.human1"]
+    regions = tmp_path / "data" / "robot1.regions.json"
+    kept = regions.read_text()
+    regions.write_text("{}")
+    ended = command("reproduce", *arguments)
+    first = run / "full" / "default" / "3"
+    assert ended.status == 2
+    assert ended.stderr.count("\n") == 1
+    assert ended.stderr.startswith(f"error: 2 run(s) failed, first default, seed 3 ({first}): {regions}: ")
+    assert ended.folder == run / "full"
+    assert (first / "metrics.json").is_file()
+    assert f"sigma0=1, seed 3: failed with status 2 {regions}: " in ended.stdout
+    assert (first / FAILED_RUN).is_file()
+    assert not (run / "full" / "table.md").exists()
+
+    # As if killed in the second epoch of one training, and before its results in the other.
+    regions.write_text(kept)
+    curves = (first / "metrics.csv").read_text()
+    shutil.rmtree(first)
+    settings = [override for override in tiny if not override.startswith("trainer.max_epochs")]
+    partial = command(
+        "train",
+        "task=video",
+        f"task.path={tmp_path / 'data' / 'human1'}",
+        *[override for override in settings if not override.startswith("task")],
+        "trainer.max_epochs=1",
+        "seed=3",
+        f"hydra.run.dir={first}",
+    )
+    assert partial.status == 0, partial.stderr
+    shutil.rmtree(first / ".hydra")
+    (first / "metrics.json").unlink()
+    second = run / "full" / "sigma0-1" / "3"
+    (second / "metrics.json").unlink()
+
+    ended = command("reproduce", *arguments)
+    assert (ended.status, ended.stderr) == (0, "")
+    assert (first / "metrics.csv").read_text() == curves  # the first epoch was not trained again, and all is the same
+    assert "ckpt_path=" in (first / ".hydra" / "overrides.yaml").read_text()
+    assert "has all of its 2 epochs" in ended.stdout
+    assert not (first / FAILED_RUN).exists()
+
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("skill.ckpt")}
+    ended = command("reproduce", *arguments)
+    assert (ended.status, "training" in ended.stdout) == (0, False)
+    assert before == {path: path.stat().st_mtime_ns for path in run.rglob("skill.ckpt")}
+
+    ended = command("reproduce", *arguments, "artifact.every=2")
+    assert ended.status == 2
+    assert "was begun with every=5; expected every=2, or another hydra.run.dir" in ended.stderr
+
+
+@pytest.mark.slow
+def test_study_without_test_sets_compares_the_trainings(command: Command, study_file: Path, tmp_path: Path) -> None:
+    options = ["artifact=tiny", "jobs=1", "quick=true", f"hydra.run.dir={tmp_path / 'run'}"]
+    content = json.loads((study_file / "artifact" / "tiny.yaml").read_text())
+    del content["test_sets"], content["published"]
+    (study_file / "artifact" / "tiny.yaml").write_text(json.dumps(content))
+    ended = command("reproduce", "--config-dir", str(study_file), *options)
+    assert (ended.status, ended.stderr) == (0, "")
+    assert (ended.folder / "table.md").read_text() == (ended.folder / "summary.md").read_text()
+    assert len((ended.folder / "table.csv").read_text().splitlines()) == 3
+    assert not (ended.folder / "accuracy.png").exists()

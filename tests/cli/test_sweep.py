@@ -7,99 +7,65 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import pandas as pd
 import pytest
 import yaml
 from omegaconf import OmegaConf
 
 from geoskill.cli.command import FAILED_RUN
-from geoskill.cli.sweep import SweepSummary, read_runs, summarize, write_summary
+from geoskill.cli.sweep import SweepSummary, read_runs, write_summary
 
 Command = Callable[..., Any]
 
 
-def write_run(folder: Path, overrides: Sequence[str], figures: Mapping[str, Any] | None) -> None:
+def write_run(folder: Path, overrides: Sequence[str], metrics: Mapping[str, Any] | None) -> None:
     (folder / ".hydra").mkdir(parents=True)
     (folder / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(list(overrides)))
-    if figures is not None:
-        (folder / "metrics.json").write_text(json.dumps(figures))
+    if metrics is not None:
+        (folder / "metrics.json").write_text(json.dumps(metrics))
 
 
-def test_mean_and_standard_deviation_over_seeds() -> None:
-    runs = [
-        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "0"}, {"objective": 1.0, "rsw": 0.5, "steps": 4.0}),
-        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "1"}, {"objective": 2.0, "rsw": 0.5, "steps": 4.0}),
-        ({"objective.sigma0": "0.3", "model": "bilinear", "seed": "2"}, {"objective": 3.0, "rsw": 0.5, "steps": 7.0}),
-        ({"objective.sigma0": "0.5", "model": "bilinear", "seed": "0"}, {"objective": 9.0, "rsw": None, "steps": 1.0}),
-    ]
-    # 1, 2, 3: mean 2, variance (1 + 0 + 1) / 2. 4, 4, 7: mean 5, variance (1 + 1 + 4) / 2.
-    assert summarize(runs) == [
-        {
-            "objective.sigma0": "0.3",
-            "runs": 3,
-            "objective": 2.0,
-            "objective_sd": 1.0,
-            "rsw": 0.5,
-            "rsw_sd": 0.0,
-            "steps": 5.0,
-            "steps_sd": pytest.approx(3**0.5),
-        },
-        {"objective.sigma0": "0.5", "runs": 1, "objective": 9.0, "objective_sd": None, "steps": 1.0, "steps_sd": None},
-    ]
-
-
-def test_without_anything_swept_there_is_one_row() -> None:
-    runs = [({"model": "bilinear", "seed": str(seed)}, {"objective": float(seed)}) for seed in range(2)]
-    assert summarize(runs) == [{"runs": 2, "objective": 0.5, "objective_sd": pytest.approx(0.5**0.5)}]
-
-
-def test_two_swept_settings_and_one_that_some_runs_lack() -> None:
-    runs = [
-        ({"kernel": "p2p", "descriptor": "orb"}, {"objective": 1.0}),
-        ({"kernel": "p2p"}, {"objective": 2.0}),
-        ({"kernel": "par"}, {"objective": 3.0}),
-    ]
-    rows = summarize(runs)
-    assert [(row["kernel"], row["descriptor"], row["objective"]) for row in rows] == [
-        ("p2p", "orb", 1.0),
-        ("p2p", None, 2.0),
-        ("par", None, 3.0),
-    ]
-
-
-def test_reading_runs(tmp_path: Path) -> None:
+def test_read_runs_in_job_order_with_what_was_swept(tmp_path: Path) -> None:
     for number in (10, 9, 2):
-        write_run(tmp_path / str(number), [f"seed={number}", "~logger", "+x='a=b'"], {"steps": number})
+        write_run(tmp_path / str(number), [f"seed={number}", "kernel=p2p", f"+x='a={number}'"], {"steps": number})
     write_run(tmp_path / "3", ["seed=3"], None)  # stopped before its end
     write_run(tmp_path / "4", ["seed=4"], {"steps": 4})  # of an earlier sweep into this folder; now it failed
     (tmp_path / "4" / FAILED_RUN).write_text("2 seed=4: no")
-    runs = read_runs(tmp_path)
-    assert [figures["steps"] for _, figures in runs] == [2, 9, 10]
-    assert runs[0][0] == {"seed": "2", "~logger": "", "+x": "'a=b'"}
+    runs, swept = read_runs(tmp_path)
+    assert swept == ["+x"]
+    assert runs.to_dict("list") == {"+x": ["'a=2'", "'a=9'", "'a=10'"], "steps": [2, 9, 10]}
 
 
-def test_the_table_in_every_form(tmp_path: Path) -> None:
-    rows = [
-        {"objective.sigma0": "0.3", "runs": 2, "objective": 0.25, "objective_sd": 0.125, "steps": 6.0, "steps_sd": 0.0},
-        {
-            "objective.sigma0": "0.5",
-            "runs": 1,
-            "objective": 1 / 3,
-            "objective_sd": None,
-            "steps": 6.0,
-            "steps_sd": None,
-        },
-    ]
-    write_summary(rows, tmp_path)
-    assert (tmp_path / "summary.md").read_text().splitlines() == [
-        "| objective.sigma0 | runs | objective | steps |",
-        "|---|---|---|---|",
-        "| 0.3 | 2 | 0.25 ± 0.12 | 6 ± 0 |",
+def test_read_runs_counts_a_missing_override_as_a_setting(tmp_path: Path) -> None:
+    write_run(tmp_path / "0", ["~logger", "descriptor=orb"], {"steps": 1})
+    write_run(tmp_path / "1", ["~logger"], {"steps": 2})
+    runs, swept = read_runs(tmp_path)
+    assert swept == ["descriptor"]
+    assert runs["descriptor"].fillna("none").tolist() == ["orb", "none"]
+
+
+def test_read_runs_of_an_empty_folder(tmp_path: Path) -> None:
+    runs, swept = read_runs(tmp_path)
+    assert (len(runs), swept) == (0, [])
+
+
+def test_write_summary_in_every_form(tmp_path: Path) -> None:
+    runs = pd.DataFrame({"sigma0": ["0.3", "0.3", "0.5"], "objective": [0.25, 0.5, 1 / 3], "steps": [6.0, 6.0, 6.0]})
+    write_summary(runs, ["sigma0"], tmp_path)
+    lines = (tmp_path / "summary.md").read_text().splitlines()
+    assert [" ".join(line.split()) for line in (lines[0], *lines[2:])] == [
+        "| sigma0 | runs | objective | steps |",
+        "| 0.3 | 2 | 0.375 ± 0.18 | 6 ± 0 |",
         "| 0.5 | 1 | 0.3333 | 6 |",
     ]
-    assert json.loads((tmp_path / "summary.json").read_text()) == rows
+    rows = json.loads((tmp_path / "summary.json").read_text())
+    deviation = pytest.approx(0.125 * 2**0.5)
+    first = {"sigma0": "0.3", "runs": 2, "objective": 0.375, "objective_sd": deviation, "steps": 6.0, "steps_sd": 0.0}
+    second = {"sigma0": "0.5", "runs": 1, "objective": 1 / 3, "objective_sd": None, "steps": 6.0, "steps_sd": None}
+    assert rows == [first, second]
     with (tmp_path / "summary.csv").open(newline="") as file:
         table = list(csv.DictReader(file))
-    assert [row["objective"] for row in table] == ["0.25", str(1 / 3)]
+    assert [row["objective"] for row in table] == ["0.375", str(1 / 3)]
     assert table[1]["objective_sd"] == ""
     assert cv2.imread(str(tmp_path / "summary.png")) is not None
 
@@ -149,7 +115,7 @@ def test_a_sweep_with_a_run_that_fails(script: Command, tiny: Sequence[str], tmp
 
 
 @pytest.mark.slow
-def test_the_experiments_sweep_what_they_say(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+def test_ablation_experiment_is_a_sweep(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     given = [override for override in tiny if not override.startswith(("logger", "threads"))]
     swept = ["objective.rsw_weight=0.0,1.0", "seed=0", "trainer.max_epochs=1", "hydra.launcher.n_jobs=1"]
     ended = script("train", "-m", "experiment=ablation_lambda", *given, *swept, f"hydra.sweep.dir={tmp_path}")

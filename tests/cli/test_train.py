@@ -13,7 +13,7 @@ import pytest
 import torch
 import yaml
 
-from geoskill.skill.skill import read_checkpoint
+from geoskill.skill.checkpoint import read_skill
 
 Command = Callable[..., Any]
 
@@ -57,7 +57,7 @@ def check_video(path: Path, frame_count: int) -> None:
     assert len(decoded) == frame_count
 
 
-def test_every_file_of_the_run_is_there_and_well_formed(trained: Any) -> None:
+def test_files_of_a_run(trained: Any) -> None:
     folder = trained.folder
     assert trained.stderr == ""
     assert folder.is_absolute()
@@ -94,7 +94,9 @@ def test_every_file_of_the_run_is_there_and_well_formed(trained: Any) -> None:
     assert 0 < sum(entry["share"] for entry in member["associations"]) <= 1.0001
 
     checkpoint = torch.load(folder / "skill.ckpt", weights_only=True)
-    assert list(checkpoint["skill"]["members"]) == ["p2p_sift"]
+    assert list(checkpoint["skill"]["specification"]["members"]) == ["p2p_sift"]
+    assert checkpoint["skill"]["provenance"]["finished"] is True
+    assert checkpoint["skill"]["provenance"]["epochs"] == [2, 2]
     assert {"optimizer_states", "loops", "callbacks"} <= checkpoint.keys()  # to resume from
     assert checkpoint["state_dict"]["members.p2p_sift.beta"].gt(0).any()
     assert checkpoint["state_dict"]["members.p2p_sift.reference_margin"] > 0
@@ -103,7 +105,7 @@ def test_every_file_of_the_run_is_there_and_well_formed(trained: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path) -> None:
+def test_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path) -> None:
     again = command("train", *tiny, f"hydra.run.dir={tmp_path / 'again'}")
     other = command("train", *tiny, "seed=1", f"hydra.run.dir={tmp_path / 'other'}")
     assert (again.status, other.status) == (0, 0)
@@ -112,7 +114,7 @@ def test_a_seed_makes_a_run_repeatable(command: Command, tiny: Sequence[str], tr
 
 
 @pytest.mark.slow
-def test_a_member_of_an_ensemble_learns_what_it_learns_alone(
+def test_member_of_an_ensemble_learns_what_it_learns_alone(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
     together = command("train", *tiny, "descriptor=[orb,sift]", f"hydra.run.dir={tmp_path}")
@@ -143,10 +145,10 @@ def test_kernels_and_ensembles(
     assert set(definition["members"]) == members
     assert definition["degrees_of_freedom"] == freedoms
     checkpoint = torch.load(tmp_path / "skill.ckpt", weights_only=True)
-    assert set(checkpoint["skill"]["members"]) == members
+    assert set(checkpoint["skill"]["specification"]["members"]) == members
 
 
-def test_the_papers_choices_learn_too(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+def test_paper_experiment(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     # The choices of `tiny` win over those of the experiment: a small network, and three transitions an epoch.
     ended = command("train", *tiny, "experiment=paper", f"hydra.run.dir={tmp_path}")
     assert (ended.status, ended.stderr) == (0, "")
@@ -155,14 +157,14 @@ def test_the_papers_choices_learn_too(command: Command, tiny: Sequence[str], tmp
 
 
 @pytest.mark.slow
-def test_message_passing_learns_too(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+def test_message_passing(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     ended = command("train", *tiny, "model=default", "model.hidden_dim=8", f"hydra.run.dir={tmp_path}")
     assert (ended.status, ended.stderr) == (0, "")
     check_associations(associations(tmp_path), FRAMES)
 
 
 @pytest.mark.slow
-def test_a_resumed_training_is_the_one_that_was_never_stopped(
+def test_resumed_training_equals_an_unbroken_one(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
     one = command("train", *tiny, "trainer.max_epochs=1", f"hydra.run.dir={tmp_path / 'one'}")
@@ -174,7 +176,7 @@ def test_a_resumed_training_is_the_one_that_was_never_stopped(
 
 
 @pytest.mark.slow
-def test_a_training_can_be_scored_on_labeled_frames(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+def test_training_is_scored_on_labeled_frames(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     everywhere = [[0, 0], [160, 0], [160, 120], [0, 120]]
     regions = tmp_path / "regions.json"
     frame = {"object": everywhere, "target": [], "hand": []}
@@ -185,12 +187,12 @@ def test_a_training_can_be_scored_on_labeled_frames(command: Command, tiny: Sequ
     assert ended.status == 0, ended.stderr
     figures = json.loads((run / "metrics.json").read_text())
     assert figures["feasible_frames"] == 0  # both points of every association are on the object
-    assert figures["judged_frames"] == 2
+    assert figures["evaluated_frames"] == 2
     assert figures["frames"] == figures["frames_with_association"] == FRAMES
 
 
 @pytest.mark.slow
-def test_several_videos_teach_and_the_first_is_shown(
+def test_several_videos_are_learned_from_and_the_first_is_shown(
     command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path
 ) -> None:
     first = Path(tiny[1].removeprefix("task.path="))
@@ -206,14 +208,14 @@ def test_several_videos_teach_and_the_first_is_shown(
     check_video(run / "overlay.mp4", FRAMES)
     # It has learned from both, and goes on with both only.
     assert (run / "metrics.csv").read_text() != (trained.folder / "metrics.csv").read_text()
-    assert read_checkpoint(run / "skill.ckpt")["skill"]["demonstrations"] == 2
+    assert read_skill(run).provenance.sources == (str(first), str(second))
     resumed = command("train", *tiny, f"ckpt_path={run / 'skill.ckpt'}", "trainer.max_epochs=3", f"hydra.run.dir={run}")
     assert resumed.status == 2
     assert "learned from 2 demonstration(s); expected 1, as this run" in resumed.stderr
 
 
 @pytest.mark.slow
-def test_black_frames_stay_in_the_list(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+def test_black_frames_have_a_reason(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     source = Path(tiny[1].removeprefix("task.path="))
     demonstration = tmp_path / "demonstration"
     demonstration.mkdir()

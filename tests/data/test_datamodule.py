@@ -1,4 +1,4 @@
-"""Batches of transitions: shuffled, repeatable, all of them, shared out among processes."""
+"""Batches of transitions: complete, in a repeatable random order, and shared among processes."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -27,13 +27,13 @@ def order(module: TransitionData, epoch: int = 0) -> list[int]:
     return list(loader.sampler)
 
 
-def test_an_epoch_has_every_transition_once(demonstration: Demonstration) -> None:
+def test_epoch_has_every_transition_once(demonstration: Demonstration) -> None:
     indices = order(data(demonstration))
     assert sorted(indices) == list(range(46))
     assert indices != sorted(indices)
 
 
-def test_the_order_is_a_function_of_seed_and_epoch(demonstration: Demonstration) -> None:
+def test_order_depends_on_seed_and_epoch_only(demonstration: Demonstration) -> None:
     first = order(data(demonstration, seed=3), epoch=2)
     torch.manual_seed(77)
     assert order(data(demonstration, seed=3), epoch=2) == first
@@ -41,7 +41,7 @@ def test_the_order_is_a_function_of_seed_and_epoch(demonstration: Demonstration)
     assert order(data(demonstration, seed=4), epoch=2) != first
 
 
-def test_batches_hold_the_transitions_of_that_order(demonstration: Demonstration) -> None:
+def test_batches_hold_the_transitions_in_order(demonstration: Demonstration) -> None:
     module = data(demonstration, batch_size=20)
     batches = list(module.train_dataloader())
     assert [batch["p2p_sift"]["first"].num_graphs for batch in batches] == [20, 20, 6]
@@ -50,11 +50,11 @@ def test_batches_hold_the_transitions_of_that_order(demonstration: Demonstration
         for name in ("p2p_sift", "p2l_sift_lbd"):
             for key in ("span_index", "point_next_geometry", "point_count"):
                 together = torch.cat([batch[name][which][key] for batch in batches])
-                assert torch.equal(together, torch.cat([one[name][which][key] for one in expected]))
+                assert torch.equal(together, torch.cat([transition[name][which][key] for transition in expected]))
 
 
 @pytest.mark.parametrize("processes", [2, 3])
-def test_processes_share_out_all_transitions(demonstration: Demonstration, processes: int) -> None:
+def test_processes_share_all_transitions(demonstration: Demonstration, processes: int) -> None:
     shares = [order(data(demonstration, seed=1, processes=processes, rank=rank), epoch=4) for rank in range(processes)]
     assert len({len(share) for share in shares}) == 1
     counts = Counter(index for share in shares for index in share)
@@ -64,6 +64,6 @@ def test_processes_share_out_all_transitions(demonstration: Demonstration, proce
 
 
 @pytest.mark.parametrize("batch_size", [0, -1])
-def test_an_empty_batch_is_refused(demonstration: Demonstration, batch_size: int) -> None:
-    with pytest.raises(InputError, match=rf"^demonstration\.batch_size={batch_size}: expected at least 1$"):
+def test_transition_data_rejects_batch_size_below_one(demonstration: Demonstration, batch_size: int) -> None:
+    with pytest.raises(InputError, match=rf"^batch_size={batch_size}: expected at least 1$"):
         TransitionData(demonstration, batch_size=batch_size, seed=0)

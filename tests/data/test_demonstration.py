@@ -1,4 +1,4 @@
-"""A demonstration as transitions: which there are, and that each graph moves to the right frame."""
+"""A demonstration as transitions: their number and order, and the displacements of their features."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,15 +12,16 @@ from geoskill.data.demonstration import Demonstration, time_spans
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.prefetch import Progress
-from geoskill.skill.spec import build
+from geoskill.skill.spec import SkillSpec, build_skill
 from geoskill.tracking.flow import track_between
+from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
 
 
 @pytest.mark.parametrize(
-    ("frames", "gap", "horizon", "spans"),
+    ("frames", "gap", "max_span_ratio", "spans"),
     [
         (100, 2, 0.5, (2, 4, 8, 16, 32)),  # half of 99 is 49.5
         (65, 2, 0.5, (2, 4, 8, 16, 32)),  # half of 64 is 32 exactly
@@ -33,45 +34,47 @@ Training = Any
         (100, 40, 0.2, (40,)),
     ],
 )
-def test_spans_double_up_to_the_horizon(frames: int, gap: int, horizon: float, spans: tuple[int, ...]) -> None:
-    assert time_spans(frames, gap, horizon) == spans
+def test_time_spans_double_up_to_the_limit(
+    frames: int, gap: int, max_span_ratio: float, spans: tuple[int, ...]
+) -> None:
+    assert time_spans(frames, gap, max_span_ratio) == spans
 
 
 @pytest.mark.parametrize(
-    ("frames", "gap", "horizon", "message"),
+    ("frames", "gap", "max_span_ratio", "message"),
     [
-        (100, 0, 0.5, r"^demonstration\.gap=0: expected at least 1$"),
-        (100, -2, 0.5, r"^demonstration\.gap=-2: expected at least 1$"),
-        (100, 2, 1.5, r"^demonstration\.horizon=1\.5: expected a share from 0 to 1$"),
-        (100, 2, -0.1, r"^demonstration\.horizon=-0\.1: expected a share from 0 to 1$"),
-        (100, 2, float("nan"), r"^demonstration\.horizon=nan: expected a share from 0 to 1$"),
-        (2, 2, 0.5, r"^the demonstration has 2 frames; expected more than demonstration\.gap=2$"),
-        (1, 1, 0.5, r"^the demonstration has 1 frames; expected more than demonstration\.gap=1$"),
+        (100, 0, 0.5, r"^gap=0: expected at least 1$"),
+        (100, -2, 0.5, r"^gap=-2: expected at least 1$"),
+        (100, 2, 1.5, r"^max_span_ratio=1\.5: expected a share from 0 to 1$"),
+        (100, 2, -0.1, r"^max_span_ratio=-0\.1: expected a share from 0 to 1$"),
+        (100, 2, float("nan"), r"^max_span_ratio=nan: expected a share from 0 to 1$"),
+        (2, 2, 0.5, r"^the demonstration has 2 frames; expected more than gap=2$"),
+        (1, 1, 0.5, r"^the demonstration has 1 frames; expected more than gap=1$"),
     ],
 )
-def test_spans_that_cannot_be(frames: int, gap: int, horizon: float, message: str) -> None:
+def test_time_spans_rejects_bad_arguments(frames: int, gap: int, max_span_ratio: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        time_spans(frames, gap, horizon)
+        time_spans(frames, gap, max_span_ratio)
 
 
-def places(demonstration: Demonstration) -> list[tuple[int, int]]:
-    """First frame and span of each transition, in the order documented: by span, then by time."""
+def frames_and_spans(demonstration: Demonstration) -> list[tuple[int, int]]:
+    """First frame and span of every transition, in the documented order: by span, then by time."""
     return [(t, span) for span in demonstration.spans for t in range(20 - span)]
 
 
-def test_every_pair_of_frames_a_span_apart_is_a_transition(demonstration: Demonstration) -> None:
+def test_demonstration_has_every_pair_of_frames_a_span_apart(demonstration: Demonstration) -> None:
     assert demonstration.spans == (2, 4, 8)
     assert len(demonstration) == 18 + 16 + 12
-    assert len(places(demonstration)) == len(demonstration)
+    assert len(frames_and_spans(demonstration)) == len(demonstration)
 
 
-def test_a_transition_has_both_frames_of_every_member(
-    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+def test_transition_has_both_frames_of_every_member(
+    demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
-    pipelines = build(description).pipelines
+    pipelines = build_skill(spec).pipelines
     points = [pipelines["sift"].extract(frame).geometry for frame in demonstration_frames]
     lines = [pipelines["lbd"].extract(frame).geometry for frame in demonstration_frames]
-    for index, (t, span) in enumerate(places(demonstration)):
+    for index, (t, span) in enumerate(frames_and_spans(demonstration)):
         transition = demonstration[index]
         assert list(transition) == ["p2p_sift", "p2l_sift_lbd"]
         for which, frame in (("first", t), ("second", t + span)):
@@ -83,26 +86,29 @@ def test_a_transition_has_both_frames_of_every_member(
                 assert graph.span_index.tolist() == [demonstration.spans.index(span)]
 
 
-def test_the_first_frame_moves_to_the_second_and_the_second_to_the_first(
+def test_transition_displacements_lead_to_the_other_frame(
     demonstration: Demonstration, demonstration_frames: tuple[np.ndarray, ...]
 ) -> None:
-    for index, (t, span) in enumerate(places(demonstration)):
-        if span != 2:  # longer ones go over the frames between, which test_tracks.py tells
+    for index, (t, span) in enumerate(frames_and_spans(demonstration)):
+        if span != 2:  # longer spans are chained over the frames between, see test_tracks.py
             continue
         transition = demonstration[index]["p2l_sift_lbd"]
         for which, start, end in (("first", t, t + 2), ("second", t + 2, t)):
             graph = transition[which]
-            for kind in NodeType:
-                geometry, followed = track_between(
-                    kind, graph[f"{kind}_geometry"].numpy(), demonstration_frames[start], demonstration_frames[end]
+            for node_type in NodeType:
+                geometry, tracked = track_between(
+                    node_type,
+                    graph[f"{node_type}_geometry"].numpy(),
+                    demonstration_frames[start],
+                    demonstration_frames[end],
                 )
-                assert np.array_equal(graph[f"{kind}_next_geometry"].numpy(), geometry)
-                assert np.array_equal(graph[f"{kind}_tracked"].numpy(), followed)
+                assert np.array_equal(graph[f"{node_type}_next_geometry"].numpy(), geometry)
+                assert np.array_equal(graph[f"{node_type}_tracked"].numpy(), tracked)
 
 
-def test_the_moving_tile_moves_and_the_others_rest(demonstration: Demonstration) -> None:
+def test_transition_displacements_of_a_moving_tile(demonstration: Demonstration) -> None:
     checked = 0
-    for index, (t, span) in enumerate(places(demonstration)):
+    for index, (t, span) in enumerate(frames_and_spans(demonstration)):
         for which, frame, sign in (("first", t, 1), ("second", t + span, -1)):
             graph = demonstration[index]["p2p_sift"][which]
             kept = graph.point_geometry[graph.point_tracked]
@@ -119,82 +125,111 @@ def test_the_moving_tile_moves_and_the_others_rest(demonstration: Demonstration)
 
 def demonstration_of(
     frames: Sequence[np.ndarray],
-    description: dict[str, Any],
+    spec: SkillSpec,
     gap: int = 2,
     progress: Progress = lambda items, text: items,
 ) -> Demonstration:
     """Transitions over the gap alone, without negatives."""
-    parts = build(description)
+    parts = build_skill(spec)
     return Demonstration(
-        frames, parts.pipelines, parts.members, gap=gap, horizon=0.0, num_negatives=0, progress=progress
+        frames, parts.pipelines, parts.members, gap=gap, max_span_ratio=0.0, num_negatives=0, progress=progress
     )
 
 
-def test_progress_is_told(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
-    told = []
+def test_demonstration_reports_progress(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
+    reports = []
 
     def progress(items: Any, text: str) -> Any:
-        told.append((text, len(items)))
+        reports.append((text, len(items)))
         return items
 
-    demonstration_of(demonstration_frames[:4], description, progress=progress)
-    assert told == [("extracting features", 4), ("following motion", 2)]
+    demonstration_of(demonstration_frames[:4], spec, progress=progress)
+    assert reports == [("extracting features", 4), ("following motion", 2)]
+
+
+def test_demonstration_passes_settings_on(demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec) -> None:
+    reports, parts = {}, build_skill(spec)
+
+    def progress(items: Any, text: str) -> Any:
+        reports[text] = list(items)
+        return items
+
+    demonstration = Demonstration(
+        demonstration_frames[:5],
+        parts.pipelines,
+        parts.members,
+        gap=2,
+        max_span_ratio=0.0,
+        num_negatives=1,
+        progress=progress,
+        trajectory=TrajectoryConfig(anchors=3),
+        negatives=NegativesConfig(source_frames=2, leaves_per_frame=0),
+    )
+    for graphs in demonstration[0].values():
+        assert graphs["first"].point_anchor_xy.shape[1] == 3
+    assert reports["finding negatives"] == [0, 4]
 
 
 @pytest.mark.slow
-def test_threads_change_nothing(demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]) -> None:
-    parts = build(description)
-    one, three = (
+def test_demonstration_does_not_depend_on_threads(
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
+) -> None:
+    parts = build_skill(spec)
+    single, threaded = (
         Demonstration(
             demonstration_frames[:8],
             parts.pipelines,
             parts.members,
             gap=2,
-            horizon=0.0,
+            max_span_ratio=0.0,
             num_negatives=5,
             progress=lambda items, text: items,
             threads=threads,
         )
         for threads in (1, 3)
     )
-    for index in range(len(one)):
-        for name, graphs in one[index].items():
+    for index in range(len(single)):
+        for name, graphs in single[index].items():
             for which, graph in graphs.items():
-                other = three[index][name][which]
-                assert graph.keys() == other.keys()
+                other_graph = threaded[index][name][which]
+                assert graph.keys() == other_graph.keys()
                 for key, value in graph.items():
-                    assert torch.equal(value, other[key]) if isinstance(value, torch.Tensor) else value == other[key]
+                    assert (
+                        torch.equal(value, other_graph[key])
+                        if isinstance(value, torch.Tensor)
+                        else value == other_graph[key]
+                    )
 
 
-def test_frames_without_any_association_are_refused(training_of: Callable[..., Training]) -> None:
+def test_demonstration_rejects_frames_without_instances(training_of: Callable[..., Training]) -> None:
     flat = [np.full((60, 80, 3), value, np.uint8) for value in (90, 100, 110, 120)]
     for name, types in (("p2p_sift", "point"), ("p2l_sift_lbd", "point and line")):
-        description = training_of(name).description
+        spec = training_of(name).spec
         with pytest.raises(
             InputError, match=rf"no frame of the demonstration has an association of {name}; expected .* type {types} "
         ):
-            demonstration_of(flat, description)
+            demonstration_of(flat, spec)
 
 
-def test_a_gap_longer_than_the_demonstration_is_refused(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any]
+def test_demonstration_rejects_a_gap_of_its_length(
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec
 ) -> None:
-    with pytest.raises(InputError, match=r"has 5 frames; expected more than demonstration\.gap=5"):
-        demonstration_of(demonstration_frames[:5], description, gap=5)
+    with pytest.raises(InputError, match=r"has 5 frames; expected more than gap=5"):
+        demonstration_of(demonstration_frames[:5], spec, gap=5)
 
 
-def test_of_very_many_features_some_are_observed(
-    demonstration_frames: tuple[np.ndarray, ...], description: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+def test_graph_without_negatives_limits_the_features(
+    demonstration_frames: tuple[np.ndarray, ...], spec: SkillSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of all strengths, the strongest and the weakest among them; a step has all of them."""
-    found = demonstration_of(demonstration_frames[:4], description)
+    """The strongest and the weakest are among them; a training step has all features."""
+    demonstration = demonstration_of(demonstration_frames[:4], spec)
     name = "p2p_sift"
-    complete = found.graph_without_negatives(name, 0)
+    complete = demonstration.graph_without_negatives(name, 0)
     count = complete.node_count(NodeType.POINT)
     assert count == 10
     assert complete.instance_index.shape[1] == count * (count - 1) // 2
     monkeypatch.setattr(geoskill.data.demonstration, "MAX_FIT_FEATURES", 5)
-    seen = found.graph_without_negatives(name, 0).instance_index
-    assert seen.shape[1] == 10
-    assert (seen.min(), seen.max(), len(seen.unique())) == (0, count - 1, 5)
-    assert found[0][name]["first"].node_count(NodeType.POINT) == count
+    instances = demonstration.graph_without_negatives(name, 0).instance_index
+    assert instances.shape[1] == 10
+    assert (instances.min(), instances.max(), len(instances.unique())) == (0, count - 1, 5)
+    assert demonstration[0][name]["first"].node_count(NodeType.POINT) == count

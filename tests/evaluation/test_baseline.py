@@ -1,4 +1,4 @@
-"""Hand-picked pairs and their trackers, on pictures whose every pixel is known."""
+"""Tests of the hand-picked baseline on images whose every pixel is known."""
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ def print_of(seed: int) -> np.ndarray:
 
 
 def recording(prints: tuple[np.ndarray, np.ndarray], blank: int | None = None, jump: int = 0) -> Recording:
-    """A frame that is blank, if any; and how far the box jumps after the tenth frame."""
+    """Return a recording with a blank frame, if any, and a jump of the box after the tenth frame."""
     pictures, shown, poses = [], [], []
     for frame in range(FRAMES):
         image, number = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), np.full((HEIGHT, WIDTH), 2, np.uint8)
@@ -50,25 +50,25 @@ def recording(prints: tuple[np.ndarray, np.ndarray], blank: int | None = None, j
     )
 
 
-def test_what_slides_in_full_view_is_kept() -> None:
+def test_baseline_keeps_visible_pairs() -> None:
     outcome = track_hand_picked_pairs(recording((print_of(0), print_of(1))))
     assert outcome.picked == PAIRS
     assert outcome.kept >= PAIRS - 2
     assert outcome.success
 
 
-def test_trackers_that_are_lost_once_stay_lost() -> None:
+def test_baseline_lost_trackers_stay_lost() -> None:
     outcome = track_hand_picked_pairs(recording((print_of(0), print_of(1)), blank=8))
     assert (outcome.picked, outcome.kept, outcome.success) == (PAIRS, 0, False)
 
 
-def test_trackers_that_end_elsewhere_do_not_define_the_task() -> None:
+def test_baseline_drops_trackers_that_end_elsewhere() -> None:
     # The box jumps by half of its side: whatever is found there is not what was picked.
     outcome = track_hand_picked_pairs(recording((print_of(0), print_of(1)), jump=40))
     assert (outcome.picked, outcome.kept, outcome.success) == (PAIRS, 0, False)
 
 
-def test_without_anything_to_pick_there_is_no_success() -> None:
+def test_baseline_without_corners() -> None:
     plain = np.full((SIDE, SIDE, 3), 128, np.uint8)
     outcome = track_hand_picked_pairs(recording((plain, print_of(1))))
     assert (outcome.picked, outcome.kept, outcome.success) == (0, 0, False)

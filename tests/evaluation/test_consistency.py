@@ -1,4 +1,4 @@
-"""The autocorrelation of a series with gaps."""
+"""Tests of the autocorrelation of a series with gaps."""
 
 import pytest
 from hypothesis import given
@@ -24,15 +24,17 @@ SERIES = st.lists(st.one_of(st.none(), st.floats(-100, 100)), max_size=12)
         ([None] * 9, None),
     ],
 )
-def test_by_hand(values: list[float | None], expected: float | None) -> None:
+def test_autocorrelation_by_hand(values: list[float | None], expected: float | None) -> None:
     assert autocorrelation(values) == (None if expected is None else pytest.approx(expected))
 
 
 @given(SERIES, st.integers(-5, 5), st.sampled_from([-4.0, -0.5, 2.0, 8.0]))
-def test_neither_unit_nor_zero_nor_direction_matters(values: list[float | None], shift: int, factor: float) -> None:
+def test_autocorrelation_ignores_unit_offset_and_direction(
+    values: list[float | None], shift: int, factor: float
+) -> None:
     rounded = [None if value is None else float(round(value)) for value in values]  # so that sums are exact
     expected = autocorrelation(rounded)
-    other = autocorrelation([None if value is None else factor * value + shift for value in rounded])
+    scaled = autocorrelation([None if value is None else factor * value + shift for value in rounded])
     backwards = autocorrelation(rounded[::-1])
-    for found in (other, backwards):
-        assert found == (None if expected is None else pytest.approx(expected, abs=1e-9))
+    for value in (scaled, backwards):
+        assert value == (None if expected is None else pytest.approx(expected, abs=1e-9))

@@ -1,12 +1,12 @@
-"""Strict verdicts: on the hand-made recording, whose fixture says what is where, and at the edge of what is right."""
+"""Tests of strict evaluation at the goal on the hand-made recording, whose fixture describes the scene."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from geoskill.evaluation.goal import judge_at_goal
-from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Region
+from geoskill.evaluation.goal import evaluate_at_goal
+from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels
 from geoskill.evaluation.regions import FrameRegions
 from geoskill.evaluation.simulated import SimulatedFrame
 from geoskill.features.feature_set import FeatureSet
@@ -17,6 +17,7 @@ from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.kernels.par import Parallel
 from geoskill.simulation.recording import Recording
+from geoskill.simulation.roles import SceneRole
 from geoskill.skill.association import Node
 
 XY = tuple[float, ...]
@@ -33,12 +34,14 @@ def nodes(*places: XY) -> tuple[Node, ...]:
 
 
 def features(*places: XY) -> dict[NodeType, FeatureSet]:
-    found = {}
+    feature_sets = {}
     for kind in NodeType:
         rows = [place for place in places if len(place) == kind.geometry_dim]
         geometry = np.array(rows, np.float32).reshape(-1, kind.geometry_dim)
-        found[kind] = FeatureSet(kind, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32))
-    return found
+        feature_sets[kind] = FeatureSet(
+            kind, np.ones((len(rows), 1), np.float32), geometry, np.ones(len(rows), np.float32)
+        )
+    return feature_sets
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +65,13 @@ def labels(hand_made_recording: Recording) -> SimulatedFrame:
         ((), (), None, False),
     ],
 )
-def test_points(
+def test_evaluate_at_goal_points(
     labels: SimulatedFrame, top: Sequence[XY], others: Sequence[XY], error_m: float | None, feasible: bool
 ) -> None:
-    verdict = judge_at_goal(PointToPoint(), nodes(*top), features(*top, *others), labels)
-    assert verdict is not None
-    assert verdict.feasible is feasible
-    assert verdict.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
+    result = evaluate_at_goal(PointToPoint(), nodes(*top), features(*top, *others), labels)
+    assert result is not None
+    assert result.feasible is feasible
+    assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
 
 
 @pytest.mark.parametrize(
@@ -84,32 +87,35 @@ def test_points(
         (PointToLine(), (ON_BOX, RIGHT), 0.03, False),
     ],
 )
-def test_lines(
+def test_evaluate_at_goal_lines(
     labels: SimulatedFrame, kernel: Kernel, top: Sequence[XY], error_m: float | None, feasible: bool
 ) -> None:
-    verdict = judge_at_goal(kernel, nodes(*top), features(*top), labels)
-    assert verdict is not None
-    assert verdict.feasible is feasible
-    assert verdict.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
+    result = evaluate_at_goal(kernel, nodes(*top), features(*top), labels)
+    assert result is not None
+    assert result.feasible is feasible
+    assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
 
 
-def test_an_angle_is_no_length_and_a_video_has_no_goal(labels: SimulatedFrame) -> None:
-    assert judge_at_goal(Parallel(), nodes(ROW, COLUMN), features(ROW, COLUMN), labels) is None
-    outlines = FrameRegions({region: np.zeros((0, 2), np.float32) for region in Region})
+def test_evaluate_at_goal_without_length_or_goal(labels: SimulatedFrame) -> None:
+    assert evaluate_at_goal(Parallel(), nodes(ROW, COLUMN), features(ROW, COLUMN), labels) is None
+    outlines = FrameRegions({region: np.zeros((0, 2), np.float32) for region in SceneRole})
     top = (ON_BOX, MEETS_IT)
-    assert judge_at_goal(PointToPoint(), nodes(*top), features(*top), outlines) is None
+    assert evaluate_at_goal(PointToPoint(), nodes(*top), features(*top), outlines) is None
 
 
 class Pair(FrameLabels):
-    """Everything left of column 50 is on the object, the rest on the target; the goal is 100 px to the right of it.
+    """Labels with the object left of column 50, the target on the rest, and the goal 100 px to the right of the object.
 
     A pixel is a millimeter wide.
     """
 
     def label(
-        self, point: tuple[float, float], tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = tuple(Region)
-    ) -> Region | None:
-        return Region.OBJECT if point[0] < 50 else Region.TARGET
+        self,
+        point: tuple[float, float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
+        return SceneRole.OBJECT if point[0] < 50 else SceneRole.TARGET
 
     def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> list[tuple[float, float] | None] | None:
         return [(x + 100 if x < 50 else x, y) for x, y in coordinates]
@@ -120,9 +126,9 @@ class Pair(FrameLabels):
 
 
 @pytest.mark.parametrize(("apart_px", "feasible"), [(0.0, True), (2.99, True), (3.01, False)])
-def test_three_millimetres_are_right(apart_px: float, feasible: bool) -> None:
+def test_evaluate_at_goal_feasible_within_three_millimeters(apart_px: float, feasible: bool) -> None:
     top = ((10.0, 20.0), (110.0, 20.0 + apart_px))
-    verdict = judge_at_goal(PointToPoint(), nodes(*top), features(*top), Pair())
-    assert verdict is not None
-    assert verdict.error_m == pytest.approx(apart_px / 1000)
-    assert verdict.feasible is feasible
+    result = evaluate_at_goal(PointToPoint(), nodes(*top), features(*top), Pair())
+    assert result is not None
+    assert result.error_m == pytest.approx(apart_px / 1000)
+    assert result.feasible is feasible

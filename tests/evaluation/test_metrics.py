@@ -1,4 +1,4 @@
-"""Verdicts on made-up frames whose right answer can be read off, and the figures over them."""
+"""Tests of frame results and metrics on made-up frames."""
 
 import json
 from itertools import combinations, product
@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.evaluation.goal import GoalVerdict
-from geoskill.evaluation.labels import Region
+from geoskill.evaluation.goal import GoalResult
 from geoskill.evaluation.metrics import (
-    FrameVerdict,
+    FrameResult,
+    evaluate_frame,
     is_feasible,
     joins_object_and_target,
-    judge_frame,
     summarize,
     summarize_ensemble,
 )
@@ -22,10 +21,14 @@ from geoskill.evaluation.regions import FrameRegions
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.kernels.kernel import Kernel
+from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
+from geoskill.model.bilinear import Bilinear
+from geoskill.model.kernel_model import KernelModel
+from geoskill.model.scorer import Motif
+from geoskill.simulation.roles import SceneRole
 from geoskill.skill.association import Association, InferenceResult, Node
 
 
@@ -36,13 +39,22 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> np.ndarra
 # Object, target and hand from left to right, each 20 px wide; the hand begins where the object ends.
 REGIONS = FrameRegions(
     {
-        Region.OBJECT: rectangle(0, 0, 20, 20),
-        Region.HAND: rectangle(20, 0, 40, 20),
-        Region.TARGET: rectangle(60, 0, 80, 20),
+        SceneRole.OBJECT: rectangle(0, 0, 20, 20),
+        SceneRole.AGENT: rectangle(20, 0, 40, 20),
+        SceneRole.TARGET: rectangle(60, 0, 80, 20),
     }
 )
 ON_OBJECT, ON_HAND, ON_TARGET, ON_NOTHING = (10.0, 10.0), (30.0, 10.0), (70.0, 10.0), (100.0, 100.0)
 NEAR_OBJECT = (22.0, 10.0)  # on the hand, 2 px from the object
+
+
+def member(kernel: Kernel, *extractors: str) -> KernelModel:
+    """Return an untrained member with one extractor for each node type."""
+    names = dict(zip(node_types(kernel), extractors, strict=True))
+    return KernelModel(kernel, names, Bilinear(Motif.of(kernel, dict.fromkeys(names, 1)), hidden_dim=1))
+
+
+P2P_SIFT = member(PointToPoint(), "sift")
 
 
 def point(xy: tuple[float, float]) -> Node:
@@ -50,7 +62,7 @@ def point(xy: tuple[float, float]) -> Node:
 
 
 def line(xy: tuple[float, float]) -> Node:
-    """A segment of 60 px whose midpoint is given; its end points mostly lie elsewhere."""
+    """Return a segment of 60 px with this midpoint; its end points are mostly outside the region."""
     return Node(NodeType.LINE, (xy[0] - 30.0, xy[1], xy[0] + 30.0, xy[1]))
 
 
@@ -68,14 +80,13 @@ def lines(*xy: tuple[float, float]) -> FeatureSet:
     return features(NodeType.LINE, [line(pair) for pair in xy])
 
 
-def association(
-    *nodes: Node, rank: int = 1, confidence: float = 0.5, kernel: str = "p2p", descriptor: str = "sift"
-) -> Association:
-    return Association(kernel, descriptor, rank, confidence, confidence, nodes, (0.0, 0.0))
+def association(*nodes: Node, rank: int = 1, confidence: float = 0.5, member: str = "p2p_sift") -> Association:
+    kernel, *extractors = member.split("_")
+    return Association(member, kernel, "+".join(extractors), rank, confidence, confidence, nodes, (0.0, 0.0))
 
 
-def result(found: dict[str, FeatureSet], *associations: Association) -> InferenceResult:
-    return InferenceResult(associations, found)
+def result(features_by_name: dict[str, FeatureSet], *associations: Association) -> InferenceResult:
+    return InferenceResult(associations, features_by_name)
 
 
 @pytest.mark.parametrize(
@@ -97,79 +108,88 @@ def result(found: dict[str, FeatureSet], *associations: Association) -> Inferenc
         ([], False),
     ],
 )
-def test_right_associations_join_object_and_target_and_nothing_else(nodes: list[Node], correct: bool) -> None:
+def test_joins_object_and_target(nodes: list[Node], correct: bool) -> None:
     assert joins_object_and_target(nodes, REGIONS) is correct
 
 
-def test_verdict_of_a_right_association() -> None:
-    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+def test_evaluate_frame_right_association() -> None:
+    features_by_name = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
     top = association(point(ON_OBJECT), point(ON_TARGET), confidence=0.625)
     second = association(point(ON_HAND), point(ON_TARGET), rank=2, confidence=0.25)
-    verdict = judge_frame(7, result(found, top, second), REGIONS, PointToPoint(), "sift")
-    assert verdict == FrameVerdict(7, True, True, True, False, 0.625, 0.125, error=0.0)
+    frame_result = evaluate_frame(7, result(features_by_name, top, second), REGIONS, "p2p_sift", P2P_SIFT)
+    assert frame_result == FrameResult(7, True, True, True, False, 0.625, 0.125, error=0.0)
 
 
-def test_the_top_association_is_the_one_of_rank_one_wherever_it_stands() -> None:
-    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+def test_evaluate_frame_takes_rank_one_in_any_order() -> None:
+    features_by_name = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
     top = association(point(ON_OBJECT), point(ON_TARGET), confidence=0.6)
     second = association(point(ON_HAND), point(ON_TARGET), rank=2, confidence=0.3)
-    verdict = judge_frame(0, result(found, second, top), REGIONS, PointToPoint(), "sift")
-    assert verdict.correct
-    assert verdict.confidence == 0.6
+    frame_result = evaluate_frame(0, result(features_by_name, second, top), REGIONS, "p2p_sift", P2P_SIFT)
+    assert frame_result.correct
+    assert frame_result.confidence == 0.6
 
 
-def test_a_node_on_the_hand_is_a_hit_and_wrong() -> None:
-    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+def test_evaluate_frame_node_on_hand() -> None:
+    features_by_name = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
     top = association(point(ON_HAND), point(ON_TARGET))
-    verdict = judge_frame(0, result(found, top), REGIONS, PointToPoint(), "sift")
-    assert (verdict.feasible, verdict.correct, verdict.hits_hand) == (True, False, True)
+    frame_result = evaluate_frame(0, result(features_by_name, top), REGIONS, "p2p_sift", P2P_SIFT)
+    assert (frame_result.feasible, frame_result.correct, frame_result.hits_hand) == (True, False, True)
 
 
-def test_a_node_on_the_hand_within_the_tolerance_of_the_object_is_right_and_a_hit() -> None:
-    found = {"sift": points(NEAR_OBJECT, ON_TARGET)}
+def test_evaluate_frame_node_on_hand_near_object() -> None:
+    features_by_name = {"sift": points(NEAR_OBJECT, ON_TARGET)}
     top = association(point(NEAR_OBJECT), point(ON_TARGET))
-    verdict = judge_frame(0, result(found, top), REGIONS, PointToPoint(), "sift")
-    assert (verdict.feasible, verdict.correct, verdict.hits_hand) == (True, True, True)
+    frame_result = evaluate_frame(0, result(features_by_name, top), REGIONS, "p2p_sift", P2P_SIFT)
+    assert (frame_result.feasible, frame_result.correct, frame_result.hits_hand) == (True, True, True)
 
 
-def test_a_frame_without_association_is_wrong_with_confidence_zero() -> None:
-    verdict = judge_frame(3, result({"sift": points(ON_OBJECT)}), REGIONS, PointToPoint(), "sift")
-    assert verdict == FrameVerdict(3, False, False, False, False, 0.0, 1.0)
+def test_evaluate_frame_without_association() -> None:
+    frame_result = evaluate_frame(3, result({"sift": points(ON_OBJECT)}), REGIONS, "p2p_sift", P2P_SIFT)
+    assert frame_result == FrameResult(3, False, False, False, False, 0.0, 1.0)
 
 
-def test_confidences_that_round_to_more_than_one_leave_no_negative_rest() -> None:
-    found = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
+def test_evaluate_frame_rsw_is_not_negative() -> None:
+    features_by_name = {"sift": points(ON_OBJECT, ON_TARGET, ON_HAND)}
     pair = (point(ON_OBJECT), point(ON_TARGET))
     top, second = association(*pair, confidence=0.9), association(*pair, rank=2, confidence=0.1000001)
-    assert judge_frame(0, result(found, top, second), REGIONS, PointToPoint(), "sift").rsw == 0.0
+    assert evaluate_frame(0, result(features_by_name, top, second), REGIONS, "p2p_sift", P2P_SIFT).rsw == 0.0
 
 
-def test_each_member_of_an_ensemble_is_judged_by_its_own_associations_and_features() -> None:
-    found = {"sift": points(ON_OBJECT, ON_HAND), "orb": points(ON_OBJECT, ON_TARGET), "lbd": lines(ON_TARGET)}
+def test_evaluate_frame_of_each_member() -> None:
+    features_by_name = {
+        "sift": points(ON_OBJECT, ON_HAND),
+        "orb": points(ON_OBJECT, ON_TARGET),
+        "lbd": lines(ON_TARGET),
+    }
     listed = (
         association(point(ON_OBJECT), point(ON_HAND), confidence=0.9),
-        association(point(ON_OBJECT), point(ON_TARGET), confidence=0.4, descriptor="orb"),
-        association(point(ON_HAND), line(ON_TARGET), confidence=0.7, kernel="p2l", descriptor="sift+lbd"),
+        association(point(ON_OBJECT), point(ON_TARGET), confidence=0.4, member="p2p_orb"),
+        association(point(ON_HAND), line(ON_TARGET), confidence=0.7, member="p2l_sift_lbd"),
     )
-    members: list[tuple[Kernel, str]] = [(PointToPoint(), "sift"), (PointToPoint(), "orb"), (PointToLine(), "sift+lbd")]
-    sift, orb, mixed = (judge_frame(0, result(found, *listed), REGIONS, *member) for member in members)
+    members = {
+        "p2p_sift": P2P_SIFT,
+        "p2p_orb": member(PointToPoint(), "orb"),
+        "p2l_sift_lbd": member(PointToLine(), "sift", "lbd"),
+    }
+    sift, orb, mixed = (
+        evaluate_frame(0, result(features_by_name, *listed), REGIONS, *item) for item in members.items()
+    )
     assert (sift.feasible, sift.correct, sift.hits_hand, sift.confidence) == (False, False, True, 0.9)
     assert (orb.feasible, orb.correct, orb.hits_hand, orb.confidence) == (True, True, False, 0.4)
     assert (mixed.feasible, mixed.correct, mixed.hits_hand, mixed.confidence) == (True, False, True, 0.7)
 
 
 @pytest.mark.parametrize(
-    ("kernel", "descriptor", "message"),
+    ("kernel", "extractors", "message"),
     [
-        (PointToLine(), "sift", "'sift' names 1 extractors; expected 2 for p2l, one for each of point, line"),
-        (PointToPoint(), "orb", "no features of 'orb'"),
-        (PointToLine(), "lbd+sift", "'lbd' yields line features; expected point for p2l"),
+        (PointToPoint(), ["orb"], "no features of 'orb' in the result; expected one of \\['lbd', 'sift'\\]"),
+        (PointToLine(), ["lbd", "sift"], "'lbd' yields line features; expected point for p2l"),
     ],
 )
-def test_results_that_do_not_belong_to_the_member_are_rejected(kernel: Kernel, descriptor: str, message: str) -> None:
-    found = {"sift": points(ON_OBJECT), "lbd": lines(ON_TARGET)}
+def test_evaluate_frame_refuses_result_of_other_members(kernel: Kernel, extractors: list[str], message: str) -> None:
+    features_by_name = {"sift": points(ON_OBJECT), "lbd": lines(ON_TARGET)}
     with pytest.raises(ValueError, match=message):
-        judge_frame(0, result(found), REGIONS, kernel, descriptor)
+        evaluate_frame(0, result(features_by_name), REGIONS, "member", member(kernel, *extractors))
 
 
 @pytest.mark.parametrize(
@@ -184,21 +204,21 @@ def test_results_that_do_not_belong_to_the_member_are_rejected(kernel: Kernel, d
         ([], [ON_OBJECT, ON_TARGET], False),
     ],
 )
-def test_p2l_needs_a_point_on_one_and_a_line_on_the_other(
+def test_is_feasible_p2l(
     on_points: list[tuple[float, float]], on_lines: list[tuple[float, float]], feasible: bool
 ) -> None:
-    found = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
-    assert is_feasible(PointToLine(), found, REGIONS) is feasible
+    features_by_name = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
+    assert is_feasible(PointToLine(), features_by_name, REGIONS) is feasible
 
 
 PLACES = st.lists(st.sampled_from([ON_OBJECT, ON_TARGET, ON_HAND, ON_NOTHING]), max_size=4)
 
 
 @given(on_points=PLACES, on_lines=PLACES)
-def test_feasible_means_that_some_instance_is_right(
+def test_is_feasible_means_some_instance_is_right(
     on_points: list[tuple[float, float]], on_lines: list[tuple[float, float]]
 ) -> None:
-    found = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
+    features_by_name = {NodeType.POINT: points(*on_points), NodeType.LINE: lines(*on_lines)}
     point_nodes, line_nodes = [point(xy) for xy in on_points], [line(xy) for xy in on_lines]
     instances: list[tuple[Kernel, list[tuple[Node, Node]]]] = [
         (PointToPoint(), list(combinations(point_nodes, 2))),
@@ -207,19 +227,19 @@ def test_feasible_means_that_some_instance_is_right(
     ]
     for kernel, pairs in instances:
         expected = any(joins_object_and_target(nodes, REGIONS) for nodes in pairs)
-        assert is_feasible(kernel, found, REGIONS) is expected
+        assert is_feasible(kernel, features_by_name, REGIONS) is expected
 
 
-def test_figures_over_four_frames() -> None:
-    verdicts = [
-        FrameVerdict(0, True, True, True, False, 0.8, 0.1, 9.0, GoalVerdict(0.002, True)),
-        FrameVerdict(1, True, True, False, True, 0.6, 0.2, 7.0, GoalVerdict(None, True)),
+def test_summarize_four_frames() -> None:
+    frame_results = [
+        FrameResult(0, True, True, True, False, 0.8, 0.1, 9.0, GoalResult(0.002, True)),
+        FrameResult(1, True, True, False, True, 0.6, 0.2, 7.0, GoalResult(None, True)),
         # Infeasible: its hand hit counts, its error does not.
-        FrameVerdict(2, True, False, False, True, 0.4, 0.3, 5.0, GoalVerdict(None, False)),
-        FrameVerdict(3, False, True, False, False, 0.0, 1.0),
+        FrameResult(2, True, False, False, True, 0.4, 0.3, 5.0, GoalResult(None, False)),
+        FrameResult(3, False, True, False, False, 0.0, 1.0),
     ]
-    figures = summarize(verdicts, SwitchCount(switches=1, comparable=2))
-    assert figures == {
+    metrics = summarize(frame_results, SwitchCount(switches=1, comparable=2))
+    assert metrics == {
         "frames": 4,
         "feasible_frames": 3,
         "infeasible_frames": 1,
@@ -249,23 +269,23 @@ def test_figures_over_four_frames() -> None:
     }
 
 
-def test_figures_without_anything_to_average_are_null_in_json() -> None:
-    figures = summarize([FrameVerdict(0, True, False, False, False, 0.5, 0.0)], SwitchCount(0, 0))
-    assert figures["top1_accuracy"] is None
-    assert figures["switches_per_frame"] is None
-    assert json.loads(json.dumps(figures, allow_nan=False)) == figures
+def test_summarize_without_anything_to_average() -> None:
+    metrics = summarize([FrameResult(0, True, False, False, False, 0.5, 0.0)], SwitchCount(0, 0))
+    assert metrics["top1_accuracy"] is None
+    assert metrics["switches_per_frame"] is None
+    assert json.loads(json.dumps(metrics, allow_nan=False)) == metrics
     assert summarize([], SwitchCount(0, 0))["mean_confidence"] is None
 
 
-def test_an_ensemble_averages_rates_over_members_that_have_one_and_keeps_the_first_ones_counts() -> None:
-    right = summarize([FrameVerdict(0, True, True, True, False, 0.8, 0.0)], SwitchCount(0, 1))
-    wrong = summarize([FrameVerdict(0, True, True, False, True, 0.2, 0.5)], SwitchCount(1, 1))
-    infeasible = summarize([FrameVerdict(0, True, False, False, False, 0.5, 0.1)], SwitchCount(0, 0))
-    figures = summarize_ensemble({"a": right, "b": wrong, "c": infeasible})
-    assert figures["top1_accuracy"] == 0.5
-    assert figures["switches_per_frame"] == 0.5
-    assert figures["hand_rate"] == pytest.approx(1 / 3)
-    assert figures["mean_confidence"] == pytest.approx(0.5)
-    assert figures["rsw"] == pytest.approx(0.2)
-    assert (figures["frames"], figures["feasible_frames"], figures["switches"]) == (1, 1, 0)
-    assert figures["members"] == {"a": right, "b": wrong, "c": infeasible}
+def test_summarize_ensemble() -> None:
+    right = summarize([FrameResult(0, True, True, True, False, 0.8, 0.0)], SwitchCount(0, 1))
+    wrong = summarize([FrameResult(0, True, True, False, True, 0.2, 0.5)], SwitchCount(1, 1))
+    infeasible = summarize([FrameResult(0, True, False, False, False, 0.5, 0.1)], SwitchCount(0, 0))
+    metrics = summarize_ensemble({"a": right, "b": wrong, "c": infeasible})
+    assert metrics["top1_accuracy"] == 0.5
+    assert metrics["switches_per_frame"] == 0.5
+    assert metrics["hand_rate"] == pytest.approx(1 / 3)
+    assert metrics["mean_confidence"] == pytest.approx(0.5)
+    assert metrics["rsw"] == pytest.approx(0.2)
+    assert (metrics["frames"], metrics["feasible_frames"], metrics["switches"]) == (1, 1, 0)
+    assert metrics["members"] == {"a": right, "b": wrong, "c": infeasible}

@@ -1,18 +1,18 @@
-"""What meets in one picture, seen in another; on the hand-made recording, whose fixture says what is where."""
+"""Tests of the oracle on the hand-made recording, whose fixture describes the scene."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from geoskill.evaluation.oracle import oracle
+from geoskill.evaluation.oracle import evaluate_oracle
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.kernels.par import Parallel
 from geoskill.simulation.recording import Recording
 
-# A point of the box on the first frame, at the goal over column 30, where the tile has a point, too.
+# A point of the box on the first frame; at the goal it is above column 30, where the tile has a point too.
 ON_BOX = (14.0, 15.0)
 MEETS_IT, THREE_AWAY, TABLE = (30.0, 13.0), (33.0, 13.0), (20.0, 25.0)
 
@@ -24,47 +24,49 @@ def points(*places: tuple[float, float]) -> dict[NodeType, FeatureSet]:
 
 
 def moved(recording: Recording, meters: float) -> Recording:
-    """The same seen from so far to the right."""
+    """Return the recording with the camera moved to the right."""
     camera = recording.camera_poses.copy()
     camera[:, 0, 3] += meters
     return replace(recording, camera_poses=camera)
 
 
-def test_seen_from_the_same_place_all_that_meets_does(hand_made_recording: Recording) -> None:
-    found = {0: points(ON_BOX, MEETS_IT, THREE_AWAY, TABLE), 1: points(MEETS_IT)}
-    figures = oracle(PointToPoint(), hand_made_recording, found, hand_made_recording)
-    assert figures["oracle_strict_accuracy"] == 1
-    assert figures["oracle_goal_error_mm"] == pytest.approx(0, abs=1e-3)
+def test_oracle_from_same_viewpoint_is_perfect(hand_made_recording: Recording) -> None:
+    features = {0: points(ON_BOX, MEETS_IT, THREE_AWAY, TABLE), 1: points(MEETS_IT)}
+    metrics = evaluate_oracle(PointToPoint(), hand_made_recording, features, hand_made_recording)
+    assert metrics["oracle_strict_accuracy"] == 1
+    assert metrics["oracle_goal_error_mm"] == pytest.approx(0, abs=1e-3)
 
 
-def test_seen_from_elsewhere_what_lies_at_another_height_is_off(hand_made_recording: Recording) -> None:
+def test_oracle_error_from_other_viewpoint(hand_made_recording: Recording) -> None:
     """The tile moves by 80 px per meter, the box's top, 0.8 m from the camera, by 100; a pixel there is 1 cm."""
-    found = {0: points(ON_BOX, MEETS_IT), 1: points(ON_BOX, MEETS_IT, THREE_AWAY)}
+    features = {0: points(ON_BOX, MEETS_IT), 1: points(ON_BOX, MEETS_IT, THREE_AWAY)}
     for meters, error_mm in ((0.1, 20.0), (-0.05, 10.0), (0.01, 2.0)):
-        figures = oracle(PointToPoint(), hand_made_recording, found, moved(hand_made_recording, meters))
-        assert figures["oracle_goal_error_mm"] == pytest.approx(error_mm, abs=1e-3)
-        assert figures["oracle_strict_accuracy"] == (error_mm <= 3)
+        metrics = evaluate_oracle(PointToPoint(), hand_made_recording, features, moved(hand_made_recording, meters))
+        assert metrics["oracle_goal_error_mm"] == pytest.approx(error_mm, abs=1e-3)
+        assert metrics["oracle_strict_accuracy"] == (error_mm <= 3)
 
 
-def test_the_error_is_the_median_of_all_frames(hand_made_recording: Recording) -> None:
-    """The box a quarter turn farther, at the goal seen from the same place: its points change places."""
+def test_oracle_error_is_median_of_all_frames(hand_made_recording: Recording) -> None:
+    """The box a quarter turn farther, at the goal seen from the same place: its points move."""
     poses = hand_made_recording.poses.copy()
     box = list(hand_made_recording.bodies).index("box")
     poses[1, box, :3, :3] = poses[1, box, :3, :3] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turned = replace(hand_made_recording, poses=poses)
-    found = {0: points(ON_BOX, MEETS_IT), 1: points()}
-    figures = oracle(PointToPoint(), hand_made_recording, found, turned)
-    assert figures["oracle_goal_error_mm"] == pytest.approx(10 * 8**0.5, abs=1e-3)  # from (0, 2) to (-2, 0) px
-    assert figures["oracle_strict_accuracy"] == 0
+    features = {0: points(ON_BOX, MEETS_IT), 1: points()}
+    metrics = evaluate_oracle(PointToPoint(), hand_made_recording, features, turned)
+    assert metrics["oracle_goal_error_mm"] == pytest.approx(10 * 8**0.5, abs=1e-3)  # from (0, 2) to (-2, 0) px
+    assert metrics["oracle_strict_accuracy"] == 0
 
 
-def test_where_nothing_meets_there_is_no_figure(hand_made_recording: Recording) -> None:
+def test_oracle_without_meeting_instances(hand_made_recording: Recording) -> None:
     nothing = {"oracle_strict_accuracy": None, "oracle_goal_error_mm": None}
-    found = {0: points(ON_BOX, THREE_AWAY), 1: points(TABLE)}
-    assert oracle(PointToPoint(), hand_made_recording, found, hand_made_recording) == nothing
-    assert oracle(PointToPoint(), hand_made_recording, {}, hand_made_recording) == nothing
+    features = {0: points(ON_BOX, THREE_AWAY), 1: points(TABLE)}
+    assert evaluate_oracle(PointToPoint(), hand_made_recording, features, hand_made_recording) == nothing
+    assert evaluate_oracle(PointToPoint(), hand_made_recording, {}, hand_made_recording) == nothing
 
 
-def test_an_angle_has_none(hand_made_recording: Recording) -> None:
+def test_oracle_of_angle_error_is_none(hand_made_recording: Recording) -> None:
     nothing = {"oracle_strict_accuracy": None, "oracle_goal_error_mm": None}
-    assert oracle(Parallel(), hand_made_recording, {0: points(ON_BOX, MEETS_IT)}, hand_made_recording) == nothing
+    assert (
+        evaluate_oracle(Parallel(), hand_made_recording, {0: points(ON_BOX, MEETS_IT)}, hand_made_recording) == nothing
+    )

@@ -1,4 +1,4 @@
-"""Reading labels, moving them between labeled frames, and which region a point belongs to."""
+"""Tests of reading regions, interpolating them, and labeling points."""
 
 import json
 import math
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
-from geoskill.evaluation.labels import Region
 from geoskill.evaluation.regions import FrameRegions, load_regions
+from geoskill.simulation.roles import SceneRole
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 TRIANGLE = [[20, 0], [30, 0], [20, 10]]
@@ -38,9 +38,9 @@ NOTHING = np.zeros((0, 2), np.float32)
 # The object and the target share 8 <= x <= 10; the hand lies 2 px right of the target.
 SCENE = FrameRegions(
     {
-        Region.OBJECT: rectangle(0, 0, 10, 10),
-        Region.TARGET: rectangle(8, 0, 20, 10),
-        Region.HAND: rectangle(22, 0, 40, 10),
+        SceneRole.OBJECT: rectangle(0, 0, 10, 10),
+        SceneRole.TARGET: rectangle(8, 0, 20, 10),
+        SceneRole.AGENT: rectangle(22, 0, 40, 10),
     }
 )
 
@@ -49,56 +49,56 @@ SCENE = FrameRegions(
     ("x", "expected"),
     [
         (-3.5, None),
-        (-3.0, Region.OBJECT),  # exactly the tolerance
-        (5.0, Region.OBJECT),
-        (9.0, Region.OBJECT),  # in both: the object first
-        (10.0, Region.OBJECT),  # on its outline
-        (11.0, Region.TARGET),  # in the target, 1 px from the object: being in goes before being near
-        (21.0, Region.TARGET),  # in neither, 1 px from target and hand
-        (22.5, Region.HAND),  # in the hand, 2.5 px from the target
-        (42.0, Region.HAND),
+        (-3.0, SceneRole.OBJECT),  # exactly the tolerance
+        (5.0, SceneRole.OBJECT),
+        (9.0, SceneRole.OBJECT),  # in both: the object first
+        (10.0, SceneRole.OBJECT),  # on its outline
+        (11.0, SceneRole.TARGET),  # in the target, 1 px from the object: being in goes before being near
+        (21.0, SceneRole.TARGET),  # in neither, 1 px from target and hand
+        (22.5, SceneRole.AGENT),  # in the hand, 2.5 px from the target
+        (42.0, SceneRole.AGENT),
         (43.5, None),
     ],
 )
-def test_label_of_points_along_a_row(x: float, expected: Region | None) -> None:
+def test_label_along_a_row(x: float, expected: SceneRole | None) -> None:
     assert SCENE.label((x, 5.0)) is expected
 
 
-def test_label_among_fewer_regions_ignores_the_others() -> None:
-    assert SCENE.label((22.5, 5.0), among=(Region.OBJECT, Region.TARGET)) is Region.TARGET
-    assert SCENE.label((9.0, 5.0), among=(Region.TARGET, Region.OBJECT)) is Region.TARGET
+def test_label_among_some_regions() -> None:
+    assert SCENE.label((22.5, 5.0), among=(SceneRole.OBJECT, SceneRole.TARGET)) is SceneRole.TARGET
+    assert SCENE.label((9.0, 5.0), among=(SceneRole.TARGET, SceneRole.OBJECT)) is SceneRole.TARGET
 
 
-def test_contains_asks_one_region_only_and_takes_its_own_tolerance() -> None:
-    assert SCENE.contains(Region.OBJECT, (9.0, 5.0))
-    assert SCENE.contains(Region.TARGET, (9.0, 5.0))
-    assert SCENE.contains(Region.OBJECT, (12.0, 5.0))
-    assert not SCENE.contains(Region.OBJECT, (12.0, 5.0), tolerance_px=0.0)
-    assert SCENE.contains(Region.OBJECT, (10.0, 5.0), tolerance_px=0.0)
+def test_contains_ignores_other_regions() -> None:
+    assert SCENE.contains(SceneRole.OBJECT, (9.0, 5.0))
+    assert SCENE.contains(SceneRole.TARGET, (9.0, 5.0))
+    assert SCENE.contains(SceneRole.OBJECT, (12.0, 5.0))
+    assert not SCENE.contains(SceneRole.OBJECT, (12.0, 5.0), tolerance_px=0.0)
+    assert SCENE.contains(SceneRole.OBJECT, (10.0, 5.0), tolerance_px=0.0)
 
 
-def test_tolerance_beyond_a_corner_is_round() -> None:
+def test_signed_distance_beyond_a_corner() -> None:
     # (-3, -4) is 5 px from the corner (0, 0), though within 4 px along either axis.
-    assert SCENE.signed_distance(Region.OBJECT, (-3.0, -4.0)) == pytest.approx(-5.0)
-    assert not SCENE.contains(Region.OBJECT, (-3.0, -4.0), tolerance_px=4.9)
-    assert SCENE.contains(Region.OBJECT, (-3.0, -4.0), tolerance_px=5.1)
+    assert SCENE.signed_distance(SceneRole.OBJECT, (-3.0, -4.0)) == pytest.approx(-5.0)
+    assert not SCENE.contains(SceneRole.OBJECT, (-3.0, -4.0), tolerance_px=4.9)
+    assert SCENE.contains(SceneRole.OBJECT, (-3.0, -4.0), tolerance_px=5.1)
 
 
-def test_a_concave_region_does_not_fill_its_notch() -> None:
+def test_label_in_concave_region() -> None:
     notched = np.array([[0, 0], [20, 0], [20, 20], [10, 4], [0, 20]], np.float32)
-    scene = FrameRegions({Region.OBJECT: notched, Region.TARGET: NOTHING, Region.HAND: NOTHING})
-    assert scene.label((10.0, 2.0)) is Region.OBJECT
+    scene = FrameRegions({SceneRole.OBJECT: notched, SceneRole.TARGET: NOTHING, SceneRole.AGENT: NOTHING})
+    assert scene.label((10.0, 2.0)) is SceneRole.OBJECT
     assert scene.label((10.0, 16.0)) is None
 
 
-def test_a_region_out_of_view_holds_nothing() -> None:
-    scene = FrameRegions(dict.fromkeys(Region, NOTHING))
-    assert scene.signed_distance(Region.HAND, (0.0, 0.0)) == -math.inf
-    assert not scene.contains(Region.HAND, (0.0, 0.0), tolerance_px=1e9)
+def test_label_of_region_out_of_view() -> None:
+    scene = FrameRegions(dict.fromkeys(SceneRole, NOTHING))
+    assert scene.signed_distance(SceneRole.AGENT, (0.0, 0.0)) == -math.inf
+    assert not scene.contains(SceneRole.AGENT, (0.0, 0.0), tolerance_px=1e9)
     assert scene.label((0.0, 0.0)) is None
 
 
-def test_regions_move_linearly_between_labeled_frames(tmp_path: Path) -> None:
+def test_regions_at_interpolates_linearly(tmp_path: Path) -> None:
     moved = [[40, 4], [50, 4], [50, 14], [40, 14]]
     # In an order that is neither that of the numbers nor that of their text.
     path = write(tmp_path, labels({"10": frame(object=moved), "2": frame()}))
@@ -107,21 +107,21 @@ def test_regions_move_linearly_between_labeled_frames(tmp_path: Path) -> None:
     halfway, quarter = regions.at(6), regions.at(4)
     assert halfway is not None
     assert quarter is not None
-    np.testing.assert_allclose(halfway.polygons[Region.OBJECT], [[20, 2], [30, 2], [30, 12], [20, 12]])
-    np.testing.assert_allclose(quarter.polygons[Region.OBJECT][0], [10, 1])
-    np.testing.assert_allclose(halfway.polygons[Region.TARGET], TRIANGLE)
-    assert halfway.polygons[Region.HAND].shape == (0, 2)
+    np.testing.assert_allclose(halfway.polygons[SceneRole.OBJECT], [[20, 2], [30, 2], [30, 12], [20, 12]])
+    np.testing.assert_allclose(quarter.polygons[SceneRole.OBJECT][0], [10, 1])
+    np.testing.assert_allclose(halfway.polygons[SceneRole.TARGET], TRIANGLE)
+    assert halfway.polygons[SceneRole.AGENT].shape == (0, 2)
 
 
-def test_labeled_frames_are_kept_as_they_are(tmp_path: Path) -> None:
+def test_regions_at_labeled_frames(tmp_path: Path) -> None:
     regions = load_regions(write(tmp_path, labels({"2": frame(), "4": frame(object=TRIANGLE)})))
     for number, expected in ((2, SQUARE), (4, TRIANGLE)):
         at = regions.at(number)
         assert at is not None
-        np.testing.assert_array_equal(at.polygons[Region.OBJECT], np.array(expected, np.float32))
+        np.testing.assert_array_equal(at.polygons[SceneRole.OBJECT], np.array(expected, np.float32))
 
 
-def test_nothing_is_extrapolated(tmp_path: Path) -> None:
+def test_regions_at_does_not_extrapolate(tmp_path: Path) -> None:
     regions = load_regions(write(tmp_path, labels({"2": frame(), "4": frame()})))
     assert regions.at(1) is None
     assert regions.at(5) is None
@@ -129,16 +129,14 @@ def test_nothing_is_extrapolated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("number", "vertices"), [(1, 0), (2, 0), (3, 3), (4, 3)])
-def test_between_unlike_polygons_the_nearer_one_holds_and_the_earlier_halfway(
-    tmp_path: Path, number: int, vertices: int
-) -> None:
+def test_regions_at_takes_nearer_polygon_when_vertices_differ(tmp_path: Path, number: int, vertices: int) -> None:
     regions = load_regions(write(tmp_path, labels({"0": frame(hand=[]), "4": frame(hand=TRIANGLE)})))
     at = regions.at(number)
     assert at is not None
-    assert len(at.polygons[Region.HAND]) == vertices
+    assert len(at.polygons[SceneRole.AGENT]) == vertices
 
 
-def test_the_video_is_checked_where_it_is_known(tmp_path: Path) -> None:
+def test_load_regions_checks_video(tmp_path: Path) -> None:
     path = write(tmp_path, labels({"0": frame(), "7": frame()}))
     assert load_regions(path, (64, 48), 8).image_size == (64, 48)
     with pytest.raises(InputError, match=r"labels\.json: frame 7 is beyond the video, which has 7 frames; .* 0 to 6"):
@@ -147,14 +145,14 @@ def test_the_video_is_checked_where_it_is_known(tmp_path: Path) -> None:
         load_regions(path, (48, 64))
 
 
-def test_some_frame_to_be_judged_must_be_covered(tmp_path: Path) -> None:
+def test_require_evaluated(tmp_path: Path) -> None:
     regions = load_regions(write(tmp_path, labels({"6": frame(), "9": frame()})))
-    regions.require_judged(7, every=3)
-    regions.require_judged(100, every=8)  # frame 8 lies between the two
+    regions.require_evaluated(7, every=3)
+    regions.require_evaluated(100, every=8)  # frame 8 lies between the two
     for frame_count, every in ((6, 3), (100, 5), (0, 1)):
         message = rf"labels\.json: labels frames 6 to 9; .* the {frame_count} frames .* \(every={every}\)"
         with pytest.raises(InputError, match=message):
-            regions.require_judged(frame_count, every)
+            regions.require_evaluated(frame_count, every)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +189,7 @@ def test_some_frame_to_be_judged_must_be_covered(tmp_path: Path) -> None:
         (labels({"3": frame(object=[0, 0, 1, 1, 2, 2])}), "vertex 0 is 0; expected"),
     ],
 )
-def test_what_does_not_have_the_format_is_named(tmp_path: Path, content: Any, message: str) -> None:
+def test_load_regions_refuses_bad_format(tmp_path: Path, content: Any, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         load_regions(write(tmp_path, content))
     assert str(caught.value).startswith(f"{tmp_path / 'labels.json'}: ")
@@ -199,7 +197,7 @@ def test_what_does_not_have_the_format_is_named(tmp_path: Path, content: Any, me
     assert len(str(caught.value)) < len(str(tmp_path)) + 300
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+def test_load_regions_refuses_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.json: no such file"):
         load_regions(tmp_path / "absent.json")
     with pytest.raises(InputError, match="cannot be read"):
@@ -211,7 +209,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("sequence", "frames", "labeled"), [("human1", 205, 42), ("robot1", 315, 64)])
-def test_the_real_labels_fit_their_sequences(blocks: Path, sequence: str, frames: int, labeled: int) -> None:
+def test_load_regions_of_blocks(blocks: Path, sequence: str, frames: int, labeled: int) -> None:
     regions = load_regions(blocks / f"{sequence}.regions.json", (240, 240), frames)
     assert len(regions.labeled) == labeled
     assert (regions.first_frame, regions.last_frame) == (0, frames - 1)
@@ -220,20 +218,20 @@ def test_the_real_labels_fit_their_sequences(blocks: Path, sequence: str, frames
         load_regions(blocks / f"{sequence}.regions.json", (240, 240), frames - 1)
 
 
-def test_known_places_on_the_real_demonstration(blocks: Path) -> None:
+def test_label_on_blocks(blocks: Path) -> None:
     regions = load_regions(blocks / "human1.regions.json")
     start, third = regions.at(0), regions.at(3)
     assert start is not None
     assert third is not None
     # The first vertices on frames 0 and 5 are (134.5, 80.9) and (135.3, 81.2).
-    np.testing.assert_allclose(third.polygons[Region.OBJECT][0], [134.5 + 0.6 * 0.8, 80.9 + 0.6 * 0.3], atol=1e-4)
-    assert start.label((145.0, 100.0)) is Region.OBJECT
-    assert start.label((85.0, 145.0)) is Region.TARGET
-    assert start.label((210.0, 65.0)) is Region.HAND
+    np.testing.assert_allclose(third.polygons[SceneRole.OBJECT][0], [134.5 + 0.6 * 0.8, 80.9 + 0.6 * 0.3], atol=1e-4)
+    assert start.label((145.0, 100.0)) is SceneRole.OBJECT
+    assert start.label((85.0, 145.0)) is SceneRole.TARGET
+    assert start.label((210.0, 65.0)) is SceneRole.AGENT
     assert start.label((30.0, 30.0)) is None
     # The cube is carried to the target: its lower edge comes down on the target's upper one.
     end = regions.at(204)
     assert end is not None
-    centers = [at.polygons[Region.OBJECT].mean(axis=0) for at in (start, end)]
-    target = end.polygons[Region.TARGET].mean(axis=0)
+    centers = [at.polygons[SceneRole.OBJECT].mean(axis=0) for at in (start, end)]
+    target = end.polygons[SceneRole.TARGET].mean(axis=0)
     assert np.linalg.norm(centers[1] - target) < 0.7 * np.linalg.norm(centers[0] - target)

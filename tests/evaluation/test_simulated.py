@@ -1,22 +1,26 @@
-"""Labels of recordings that were made by hand; the fixtures say what is where."""
+"""Tests of simulated labels on hand-made recordings, whose fixtures describe the scenes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
 
-from geoskill.evaluation.labels import TOLERANCE_PX, Region
+from geoskill.evaluation.labels import TOLERANCE_PX
 from geoskill.evaluation.simulated import SimulatedFrame, SimulatedLabels
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.tasks.task import INFINITE, RolePart
 
-OBJECT, TARGET, HAND = Region
+OBJECT, TARGET, HAND = SceneRole
 
 
 def label(
-    frame: SimulatedFrame, x: float, y: float, tolerance_px: float = TOLERANCE_PX, among: Sequence[Region] = Region
-) -> Region | None:
+    frame: SimulatedFrame,
+    x: float,
+    y: float,
+    tolerance_px: float = TOLERANCE_PX,
+    among: Sequence[SceneRole] = SceneRole,
+) -> SceneRole | None:
     return frame.label((float(x), float(y)), float(tolerance_px), tuple(among))
 
 
@@ -40,13 +44,13 @@ def label(
         ((34.2, 20), TARGET),
     ],
 )
-def test_regions_and_their_tolerance(
-    hand_made_recording: Recording, point: tuple[float, float], expected: Region | None
+def test_simulated_label(
+    hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
 ) -> None:
     assert label(SimulatedFrame(hand_made_recording, 0), *point) is expected
 
 
-def test_other_tolerances_and_regions(hand_made_recording: Recording) -> None:
+def test_simulated_label_with_other_tolerances_and_roles(hand_made_recording: Recording) -> None:
     frame = SimulatedFrame(hand_made_recording, 0)
     assert label(frame, 9, 15, 0) is None
     assert label(frame, 10, 15, 0) is OBJECT
@@ -72,18 +76,20 @@ def test_other_tolerances_and_regions(hand_made_recording: Recording) -> None:
         ((1e6, -1e6), None),
     ],
 )
-def test_the_pictures_edge(hand_made_recording: Recording, point: tuple[float, float], expected: Region | None) -> None:
+def test_simulated_label_at_image_border(
+    hand_made_recording: Recording, point: tuple[float, float], expected: SceneRole | None
+) -> None:
     assert label(SimulatedFrame(hand_made_recording, 1), *point) is expected
 
 
-def test_where_points_are_at_the_goal(hand_made_recording: Recording) -> None:
+def test_simulated_at_goal(hand_made_recording: Recording) -> None:
     frame = SimulatedFrame(hand_made_recording, 0)
     points = [(14.0, 15.0), (27.0, 12.0), (20.0, 15.0), (12.0, 11.0), (12.0, 13.0)]
     moved = frame.at_goal(points)
     # The box's right edge becomes its far one. The finger's pixel is within 3 px of the box, the table's is not.
     expected = [(30.0, 13.0), (27.0, 12.0), None, (28.0, 15.0), (28.0, 15.0)]
-    for found, by_hand in zip(moved, expected, strict=True):
-        assert found == (None if by_hand is None else pytest.approx(by_hand))
+    for point, by_hand in zip(moved, expected, strict=True):
+        assert point == (None if by_hand is None else pytest.approx(by_hand))
     assert frame.at_goal([]) == []
     assert frame.goal_pixel_m == pytest.approx(0.01)
     # At the goal, everything is where it is.
@@ -91,7 +97,7 @@ def test_where_points_are_at_the_goal(hand_made_recording: Recording) -> None:
     assert there.at_goal([(30.0, 13.0), (33.0, 18.0)]) == [pytest.approx((30, 13)), pytest.approx((33, 18))]
 
 
-def test_a_part_of_a_body_has_a_role(hand_made_recording: Recording) -> None:
+def test_simulated_label_of_part_of_body(hand_made_recording: Recording) -> None:
     # The right part of the box, from its middle column on, is the object; then what is within 1 cm the target.
     parts = (
         RolePart("box", SceneRole.OBJECT, lower=(-0.001, -INFINITE, -INFINITE)),
@@ -106,7 +112,7 @@ def test_a_part_of_a_body_has_a_role(hand_made_recording: Recording) -> None:
     assert label(frame, 30, 15) is None  # the tile has no role now
 
 
-def test_a_folded_cloth(folded_cloth: Recording) -> None:
+def test_simulated_frame_of_folded_cloth(folded_cloth: Recording) -> None:
     flat, folded = (SimulatedFrame(folded_cloth, frame) for frame in (0, 1))
     # Column 20 + x / 1.25 cm, row 15 - y / 1.25 cm.
     assert label(flat, 22, 9, 0) is OBJECT
@@ -122,7 +128,7 @@ def test_a_folded_cloth(folded_cloth: Recording) -> None:
     assert flat.goal_pixel_m == pytest.approx(0.99 / 80)
 
 
-def test_all_frames_have_labels_and_no_others(hand_made_recording: Recording) -> None:
+def test_simulated_labels(hand_made_recording: Recording) -> None:
     labels = SimulatedLabels(hand_made_recording, "made up, robot")
     assert (labels.first_frame, labels.last_frame, labels.name) == (0, 1, "made up, robot")
     assert labels.at(-1) is None
@@ -132,6 +138,6 @@ def test_all_frames_have_labels_and_no_others(hand_made_recording: Recording) ->
     assert last is not None
     assert (label(first, 12, 15), label(last, 12, 15)) == (OBJECT, None)
     labels.require_size((41, 31))
-    labels.require_judged(2, 1)
+    labels.require_evaluated(2, 1)
     with pytest.raises(ValueError, match=r"made up, robot: the frames are \(31, 41\); expected \(41, 31\)"):
         labels.require_size((31, 41))

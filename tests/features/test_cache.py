@@ -1,9 +1,8 @@
-"""The cache gives what would have been computed, whatever state its folder is in."""
+"""The feature cache returns what would have been computed, whatever the state of its folder."""
 
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from geoskill.features import cache as cache_module
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
+from geoskill.io import disk_cache
 from geoskill.io.disk_cache import DiskCache
 
 
@@ -35,11 +35,11 @@ def features_of(seed: int, node_type: NodeType = NodeType.POINT, count: int = 5)
 
 def assert_equal(found: FeatureSet, expected: FeatureSet) -> None:
     assert found.node_type is expected.node_type
-    for name in ("descriptors", "geometry", "strength"):
+    for name in ("descriptors", "geometry", "scores"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), strict=True)
 
 
-def never() -> FeatureSet:
+def fail() -> FeatureSet:
     raise AssertionError("computed, though it was stored")
 
 
@@ -52,7 +52,7 @@ def size_of(folder: Path) -> int:
 
 
 def is_stored(folder: Path, seed: int) -> bool:
-    """Looks with another cache object, whose look does not count as a use."""
+    """Ask with another cache object, without counting as a use."""
     hit = True
 
     def compute() -> FeatureSet:
@@ -71,62 +71,62 @@ def is_stored(folder: Path, seed: int) -> bool:
 
 @pytest.mark.parametrize("node_type", list(NodeType))
 @pytest.mark.parametrize("count", [0, 1, 5])
-def test_a_hit_returns_equal_features_without_computing(tmp_path: Path, node_type: NodeType, count: int) -> None:
+def test_get_or_compute_returns_stored_features_without_computing(
+    tmp_path: Path, node_type: NodeType, count: int
+) -> None:
     expected = features_of(0, node_type, count)
     assert_equal(
         FeatureCache(DiskCache(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", lambda: expected),
         expected,
     )
-    # As in a later run: another object.
+    # Another object, as in a later run.
     assert_equal(
-        FeatureCache(DiskCache(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", never), expected
+        FeatureCache(DiskCache(tmp_path / "new" / "folder")).get_or_compute(frame_of(0), "sift", fail), expected
     )
 
 
-def test_other_content_other_settings_or_another_format_is_a_miss(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_key_depends_on_content_shape_identity_and_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cache = FeatureCache(DiskCache(tmp_path))
     frame = frame_of(0)
     cache.get_or_compute(frame, "sift", lambda: features_of(0))
     one_level_brighter = frame.copy()
     one_level_brighter[3, 5, 2] ^= 1
-    others = [
+    misses = [
         (one_level_brighter, "sift"),
         (frame, "sift "),
         (frame, "orb"),
         (frame.reshape(6, 4, 3), "sift"),  # the same bytes in another shape
         (frame[:2], "sift"),
     ]
-    for number, (other, identity) in enumerate(others, start=1):
-        assert_equal(cache.get_or_compute(other, identity, lambda: features_of(number)), features_of(number))  # noqa: B023
+    for number, (image, identity) in enumerate(misses, start=1):
+        assert_equal(cache.get_or_compute(image, identity, lambda: features_of(number)), features_of(number))  # noqa: B023
     monkeypatch.setattr(cache_module, "FORMAT", cache_module.FORMAT + 1)
     assert_equal(cache.get_or_compute(frame, "sift", lambda: features_of(99)), features_of(99))
     assert len(files_in(tmp_path)) == 7
 
 
-def test_a_frame_that_is_a_view_is_known_by_its_content(tmp_path: Path) -> None:
+def test_key_of_a_view_is_that_of_its_content(tmp_path: Path) -> None:
     cache = FeatureCache(DiskCache(tmp_path))
     wide = np.repeat(frame_of(0), 2, axis=1)
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
-    assert_equal(cache.get_or_compute(wide[:, ::2], "sift", never), features_of(0))
-    assert_equal(cache.get_or_compute(np.asfortranarray(frame_of(0)), "sift", never), features_of(0))
+    assert_equal(cache.get_or_compute(wide[:, ::2], "sift", fail), features_of(0))
+    assert_equal(cache.get_or_compute(np.asfortranarray(frame_of(0)), "sift", fail), features_of(0))
 
 
-def damaged(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
-    """Damages the only file, then expects the right features, and the file mended for the next reader."""
+def check_recovery(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    """Damage the only file, then expect the right features, and a repaired file for the next reader."""
     cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
     path.write_bytes(damage(path.read_bytes()))
     assert_equal(cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0))
-    assert_equal(cache.get_or_compute(frame_of(0), "sift", never), features_of(0))
+    assert_equal(cache.get_or_compute(frame_of(0), "sift", fail), features_of(0))
     assert files_in(tmp_path) == [path]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 0.6, 0.9, 0.999])
-def test_a_truncated_file_is_computed_again(tmp_path: Path, share: float) -> None:
-    damaged(tmp_path, lambda content: content[: int(share * len(content))])
+def test_truncated_file_is_recomputed(tmp_path: Path, share: float) -> None:
+    check_recovery(tmp_path, lambda content: content[: int(share * len(content))])
 
 
 @pytest.mark.parametrize(
@@ -134,11 +134,11 @@ def test_a_truncated_file_is_computed_again(tmp_path: Path, share: float) -> Non
     [b"not ours", b"\x93NUMPY", b"PK\x03\x04 half a header", b"\x80\x04]\x94.", bytes(1000)],
     ids=["text", "npy", "zip", "pickle", "zeros"],
 )
-def test_a_file_of_another_kind_is_computed_again(tmp_path: Path, content: bytes) -> None:
-    damaged(tmp_path, lambda _: content)
+def test_file_of_another_format_is_recomputed(tmp_path: Path, content: bytes) -> None:
+    check_recovery(tmp_path, lambda _: content)
 
 
-def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
+def test_archive_of_other_arrays_is_recomputed(tmp_path: Path) -> None:
     cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
@@ -146,8 +146,8 @@ def test_an_archive_of_other_arrays_is_computed_again(tmp_path: Path) -> None:
     assert_equal(cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0)), features_of(0))
 
 
-def test_no_flipped_bit_changes_the_features(tmp_path: Path) -> None:
-    """The archive's check sums find them; those in parts that do not matter are no harm."""
+def test_flipped_bit_never_changes_the_features(tmp_path: Path) -> None:
+    """The archive's checksums detect flipped bits, except in parts that do not matter."""
     cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
     (path,) = files_in(tmp_path)
@@ -167,7 +167,7 @@ def test_no_flipped_bit_changes_the_features(tmp_path: Path) -> None:
     assert recomputed > 30
 
 
-def test_a_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
+def test_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
     blocked = tmp_path / "cache"
     blocked.write_text("a file")
     for _ in range(2):
@@ -178,9 +178,7 @@ def test_a_file_in_place_of_the_folder_does_no_harm(tmp_path: Path) -> None:
     assert blocked.read_text() == "a file"
 
 
-def test_a_folder_that_can_be_read_but_not_written_still_serves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_read_only_folder_is_still_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cache = FeatureCache(DiskCache(tmp_path))
     cache.get_or_compute(frame_of(0), "sift", lambda: features_of(0))
 
@@ -188,14 +186,14 @@ def test_a_folder_that_can_be_read_but_not_written_still_serves(
         raise PermissionError("read-only file system")
 
     monkeypatch.setattr(os, "utime", refuse)
-    monkeypatch.setattr(tempfile, "mkstemp", refuse)
-    assert_equal(cache.get_or_compute(frame_of(0), "sift", never), features_of(0))
+    monkeypatch.setattr(disk_cache, "atomic_open", refuse)
+    assert_equal(cache.get_or_compute(frame_of(0), "sift", fail), features_of(0))
     assert_equal(cache.get_or_compute(frame_of(1), "sift", lambda: features_of(1)), features_of(1))
     assert len(files_in(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("step", ["savez", "replace"])
-def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+def test_full_disk_leaves_no_partial_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str) -> None:
     def refuse(file: object, *args: object, **kwargs: object) -> None:
         if step == "savez":
             file.write(b"half a")  # type: ignore[attr-defined]
@@ -208,9 +206,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.Mon
     assert files_in(tmp_path) == []
 
 
-def test_an_interrupted_write_leaves_no_half_file_and_interrupts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_write_leaves_no_partial_file_and_raises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*args: object, **kwargs: object) -> None:
         raise KeyboardInterrupt
 
@@ -220,7 +216,7 @@ def test_an_interrupted_write_leaves_no_half_file_and_interrupts(
     assert files_in(tmp_path) == []
 
 
-def test_an_error_of_the_extractor_is_not_swallowed(tmp_path: Path) -> None:
+def test_error_of_the_extractor_is_not_swallowed(tmp_path: Path) -> None:
     def fail() -> FeatureSet:
         raise OSError("the extractor's own")
 
@@ -235,7 +231,7 @@ def entry_bytes(tmp_path: Path) -> int:
     return size_of(folder)
 
 
-def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
+def test_eviction_deletes_the_least_recently_used_entry(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     cache = FeatureCache(DiskCache(folder, limit_mb=4.5 * entry_bytes(tmp_path) / 1e6))  # room for four
     for seed in range(4):
@@ -243,14 +239,14 @@ def test_the_least_recently_used_entry_goes_first(tmp_path: Path) -> None:
         cache.get_or_compute(frame_of(seed), "sift", lambda: features_of(seed))  # noqa: B023
         (path,) = set(files_in(folder)) - before
         os.utime(path, (1000 + seed, 1000 + seed))
-    cache.get_or_compute(frame_of(0), "sift", never)  # the oldest is used again
+    cache.get_or_compute(frame_of(0), "sift", fail)  # the oldest is used again
     cache.get_or_compute(frame_of(4), "sift", lambda: features_of(4))
     assert [is_stored(folder, seed) for seed in range(5)] == [True, False, True, True, True]
     cache.get_or_compute(frame_of(5), "sift", lambda: features_of(5))
     assert [is_stored(folder, seed) for seed in range(6)] == [True, False, False, True, True, True]
 
 
-def test_the_folder_never_holds_more_than_the_limit(tmp_path: Path) -> None:
+def test_folder_never_exceeds_the_limit(tmp_path: Path) -> None:
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
     cache = FeatureCache(DiskCache(folder, limit_mb=limit / 1e6))
@@ -263,8 +259,8 @@ def test_the_folder_never_holds_more_than_the_limit(tmp_path: Path) -> None:
     assert size_of(folder) > 0.85 * limit
 
 
-def test_many_short_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
-    """None of them writes enough for a look at the folder by itself, but each looks once."""
+def test_many_short_runs_do_not_exceed_the_limit(tmp_path: Path) -> None:
+    """None of the runs writes enough to trigger a scan of the folder, but each scans once."""
     folder = tmp_path / "cache"
     limit = 30.5 * entry_bytes(tmp_path)
     for seed in range(60):
@@ -276,14 +272,15 @@ def test_many_short_runs_do_not_fill_the_disk(tmp_path: Path) -> None:
     assert 0.8 * limit < size_of(folder) <= limit
 
 
-def test_what_killed_runs_left_goes_after_an_hour(tmp_path: Path) -> None:
-    for name, age_s in (("old.part", 4000), ("fresh.part", 60)):
+def test_eviction_deletes_abandoned_temporary_files_after_an_hour(tmp_path: Path) -> None:
+    for name, age_s in ((".old.1-2.part.npz", 4000), ("older_version.part", 4000), (".fresh.1-2.part.npz", 60)):
         (tmp_path / "ab").mkdir(exist_ok=True)
         (tmp_path / "ab" / name).write_bytes(b"half a file")
         os.utime(tmp_path / "ab" / name, (time.time() - age_s,) * 2)
     (tmp_path / "ab" / "not_ours.txt").write_text("kept")
     FeatureCache(DiskCache(tmp_path)).get_or_compute(frame_of(0), "sift", lambda: features_of(0))
-    assert [path.name for path in files_in(tmp_path) if path.suffix != ".npz"] == ["fresh.part", "not_ours.txt"]
+    entry = next(path for path in files_in(tmp_path) if path.parent.name != "ab" or len(path.stem) == 64)
+    assert [path.name for path in files_in(tmp_path) if path != entry] == [".fresh.1-2.part.npz", "not_ours.txt"]
 
 
 PROCESS = """
@@ -307,22 +304,22 @@ def expected(key):
 
 cache = FeatureCache(DiskCache(folder, limit_mb))
 (meeting / me).touch()
-until = time.monotonic() + 20
+deadline = time.monotonic() + 20
 while not (meeting / other).exists():
-    assert time.monotonic() < until, "the other process did not come"
+    assert time.monotonic() < deadline, "the other process did not start"
 for turn in range(15):
     for key in range(8):
         frame = np.full((4, 4, 3), key, np.uint8)
-        found = cache.get_or_compute(frame, f"sift {turn}", lambda: expected(key))
-        assert found.node_type is NodeType.POINT
-        assert found.descriptors.shape == (40, 128) and (found.descriptors == key).all()
-        assert (found.geometry == key + 1).all() and (found.strength == key + 2).all()
+        features = cache.get_or_compute(frame, f"sift {turn}", lambda: expected(key))
+        assert features.node_type is NodeType.POINT
+        assert features.descriptors.shape == (40, 128) and (features.descriptors == key).all()
+        assert (features.geometry == key + 1).all() and (features.scores == key + 2).all()
 print(computed)
 """
 
 
-@pytest.mark.parametrize("limit_mb", [500.0, 0.1], ids=["roomy", "evicting all the time"])
-def test_two_processes_share_a_cache(tmp_path: Path, limit_mb: float) -> None:
+@pytest.mark.parametrize("limit_mb", [500.0, 0.1], ids=["roomy", "evicting"])
+def test_two_processes_share_a_folder(tmp_path: Path, limit_mb: float) -> None:
     folder, meeting = tmp_path / "cache", tmp_path / "meeting"
     meeting.mkdir()
     environment = os.environ | {"PYTHONPATH": str(Path(geoskill.__file__).parents[1])}

@@ -1,4 +1,4 @@
-"""The extractor, and how surely its descriptors find the same edge again in a warped picture."""
+"""The LBD extractor, and how reliably its descriptors match edges in a warped picture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +34,7 @@ WARPS = [
 
 
 def textured_picture(seed: int) -> np.ndarray:
-    """Many overlapping rectangles of all sizes, gray levels and directions, with noise."""
+    """Draw many overlapping rectangles of all sizes, gray levels and directions, with noise."""
     generator = np.random.default_rng(seed)
     image = np.full((SIZE, SIZE), 128, np.uint8)
     for _ in range(140):
@@ -47,14 +47,14 @@ def textured_picture(seed: int) -> np.ndarray:
 
 
 def frames(blocks: Path) -> list[np.ndarray]:
-    """Frames as the pipeline sees them: gray, twice as large."""
+    """Return frames as the pipeline sees them: gray and enlarged to twice their size."""
     paths = [blocks / "human1" / "0000.jpg", blocks / "robot1" / "0150.jpg"]
     small = [np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint8) for path in paths]
     return [np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_CUBIC), np.uint8) for image in small]
 
 
 def homography(rotation_deg: float, scale: float, perspective_x: float, perspective_y: float) -> np.ndarray:
-    """About the picture's center."""
+    """Return a homography about the picture's center."""
     c, s = scale * np.cos(np.radians(rotation_deg)), scale * np.sin(np.radians(rotation_deg))
     to_center = np.array([[1, 0, -(SIZE - 1) / 2], [0, 1, -(SIZE - 1) / 2], [0, 0, 1]])
     about_origin = np.array([[c, -s, 0], [s, c, 0], [perspective_x, perspective_y, 1]])
@@ -66,18 +66,21 @@ def warped(segments: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def seen_by_both(features: FeatureSet, matrix: np.ndarray) -> FeatureSet:
-    """The strongest features that lie wholly in the other view; the warp invents what lies outside."""
-    places = warped(features.geometry, matrix)
-    return features.take(np.flatnonzero(np.all((places >= 0) & (places <= SIZE - 1), axis=1))[:FEATURE_COUNT])
+    """Return the strongest features that lie wholly in the other view; outside it, the warp only repeats the border."""
+    segments = warped(features.geometry, matrix)
+    return features.take(np.flatnonzero(np.all((segments >= 0) & (segments <= SIZE - 1), axis=1))[:FEATURE_COUNT])
 
 
-def same_edge(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Whether segments lie on one edge: both ends of ``expected`` within 5 px of the line through ``found``, the
-    directions within 10 degrees of each other, and an overlap along the line."""
-    along = found[:, 2:] - found[:, :2]
+def same_edge(expected: np.ndarray, matched: np.ndarray) -> np.ndarray:
+    """Return whether segments lie on one edge.
+
+    Both ends of ``expected`` must be within 5 px of the line through ``matched``, the directions must differ by no more
+    than 10 degrees, and the segments must overlap along the line.
+    """
+    along = matched[:, 2:] - matched[:, :2]
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
-    ends = expected.reshape(-1, 2, 2) - found[:, None, :2]
+    ends = expected.reshape(-1, 2, 2) - matched[:, None, :2]
     across = np.abs(along[:, None, 0] * ends[..., 1] - along[:, None, 1] * ends[..., 0])
     position = np.einsum("nij,nj->ni", ends, along)
     overlap = np.minimum(position.max(axis=1), length) - np.maximum(position.min(axis=1), 0)
@@ -87,7 +90,7 @@ def same_edge(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def matches(image: np.ndarray, matrix: np.ndarray, extractor: Lbd) -> tuple[np.ndarray, np.ndarray]:
-    """Mutual nearest neighbors between a picture and its warp: where the first should be, and the second."""
+    """Return mutual nearest neighbors of a picture and its warp: the expected and the matched segments."""
     other = cv2.warpPerspective(image, matrix, (SIZE, SIZE), borderMode=cv2.BORDER_REPLICATE)
     first = seen_by_both(extractor.extract(image), matrix)
     second = seen_by_both(extractor.extract(other), np.linalg.inv(matrix))
@@ -97,62 +100,64 @@ def matches(image: np.ndarray, matrix: np.ndarray, extractor: Lbd) -> tuple[np.n
     return warped(first.geometry, matrix)[mutual], second.geometry[nearest[mutual]]
 
 
-def right_share(images: Sequence[np.ndarray]) -> tuple[float, float, str]:
-    """Share of right matches over all warps, that of the same matches dealt out anew, and one line per warp."""
-    extractor, right, dealt, lines = Lbd(), [], [], []
+def right_ratio(images: Sequence[np.ndarray]) -> tuple[float, float, str]:
+    """Return the ratio of right matches over all warps, the same for shuffled matches, and a report."""
+    extractor, right, shuffled, lines = Lbd(), [], [], []
     for warp in WARPS:
         pairs = [matches(image, homography(*warp), extractor) for image in images]
-        of_warp = np.concatenate([same_edge(expected, found) for expected, found in pairs])
-        dealt.append(np.concatenate([same_edge(expected, np.roll(found, 1, axis=0)) for expected, found in pairs]))
-        right.append(of_warp)
-        lines.append(f"{warp}: {of_warp.mean():.3f} of {len(of_warp)}")
+        right_of_warp = np.concatenate([same_edge(expected, matched) for expected, matched in pairs])
+        shuffled.append(
+            np.concatenate([same_edge(expected, np.roll(matched, 1, axis=0)) for expected, matched in pairs])
+        )
+        right.append(right_of_warp)
+        lines.append(f"{warp}: {right_of_warp.mean():.3f} of {len(right_of_warp)}")
     pooled = np.concatenate(right)
     lines.append(f"pooled: {pooled.mean():.3f} of {len(pooled)}")
-    return float(pooled.mean()), float(np.concatenate(dealt).mean()), "\n".join(lines)
+    return float(pooled.mean()), float(np.concatenate(shuffled).mean()), "\n".join(lines)
 
 
 def check_repeatability(images: Sequence[np.ndarray]) -> None:
-    share, by_chance, report = right_share(images)
+    ratio, by_chance, report = right_ratio(images)
     print(report)
-    assert share >= 0.85, report
+    assert ratio >= 0.85, report
     assert by_chance < 0.1, "the criterion accepts pairs that were not matched"
 
 
-def test_edges_of_real_frames_are_found_again(blocks: Path) -> None:
+def test_edges_of_real_frames_are_matched_after_warps(blocks: Path) -> None:
     check_repeatability(frames(blocks))
 
 
-def test_edges_of_a_textured_picture_are_found_again() -> None:
+def test_edges_of_a_textured_picture_are_matched_after_warps() -> None:
     check_repeatability([textured_picture(0)])
 
 
-def test_one_edge_is_told_from_another_beside_it_or_across_it() -> None:
-    found = np.array([[0.0, 0.0, 40.0, 0.0]])
+def test_same_edge_criterion() -> None:
+    segment = np.array([[0.0, 0.0, 40.0, 0.0]])
     cases = {
-        (40, 0, 0, 0): True,  # end points have no order
+        (40, 0, 0, 0): True,  # the order of end points carries no meaning
         (30, 4, 60, 1): True,
         (0, 6, 40, 0): False,  # one end is 6 px off
         (41, 0, 60, 0): False,  # no overlap
         (10, 0, 20, 3): False,  # 17 degrees
     }
     for expected, answer in cases.items():
-        assert same_edge(np.array([expected], float), found).item() is answer, expected
+        assert same_edge(np.array([expected], float), segment).item() is answer, expected
 
 
-def test_features_are_sorted_unit_and_long_enough() -> None:
+def test_extract_returns_sorted_unit_descriptors_of_long_segments() -> None:
     features = Lbd(min_length_ratio=0.03).extract(textured_picture(1))
     assert features.node_type is NodeType.LINE
     assert features.descriptors.shape == (len(features), Lbd.descriptor_dim)
     assert len(features) > 40
     np.testing.assert_allclose(np.linalg.norm(features.descriptors, axis=1), 1, atol=1e-6)
-    assert np.all(np.diff(features.strength) <= 0)
-    assert features.strength[-1] >= 0.03 * SIZE * 2**0.5
+    assert np.all(np.diff(features.scores) <= 0)
+    assert features.scores[-1] >= 0.03 * SIZE * 2**0.5
     everything = Lbd(min_length_ratio=0.0).extract(textured_picture(1))
     assert len(everything) > len(features)
     np.testing.assert_array_equal(everything.descriptors[: len(features)], features.descriptors)
 
 
-def test_band_width_reaches_the_descriptor() -> None:
+def test_band_width_changes_the_descriptor() -> None:
     picture = textured_picture(1)
     narrow, wide = Lbd(band_width=3).extract(picture), Lbd(band_width=11).extract(picture)
     np.testing.assert_array_equal(narrow.geometry, wide.geometry)
@@ -160,7 +165,7 @@ def test_band_width_reaches_the_descriptor() -> None:
 
 
 @pytest.mark.parametrize("shape", [(60, 80), (2, 2), (0, 0)])
-def test_a_picture_without_edges_gives_an_empty_set(shape: tuple[int, int]) -> None:
+def test_extract_from_a_picture_without_edges_is_empty(shape: tuple[int, int]) -> None:
     features = Lbd().extract(np.full(shape, 90, np.uint8))
     assert len(features) == 0
     assert features.descriptors.shape == (0, 72)
@@ -175,6 +180,6 @@ def test_a_picture_without_edges_gives_an_empty_set(shape: tuple[int, int]) -> N
         ({"band_width": 6}, "band_width is 6; expected a positive odd number"),
     ],
 )
-def test_unusable_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
+def test_arguments_out_of_range_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Lbd(**arguments)

@@ -1,8 +1,7 @@
-"""The descriptor against a second implementation that follows the paper row by row, and its properties.
+"""The descriptor's properties, and its agreement with a second implementation that follows the paper row by row.
 
-``reference_descriptor`` below is scalar, shares no line with the package, and was written from Zhang & Koch (2013),
-section 2. It produced ``lbd_reference.json``; ``python -m tests.features.test_line_band_descriptor`` writes that file
-again.
+``reference_descriptor`` below is scalar, shares no code with the package, and was written from Zhang & Koch (2013),
+section 2. It produced ``lbd_reference.json``; ``python -m tests.features.test_line_band_descriptor`` writes that file.
 """
 
 import json
@@ -30,7 +29,7 @@ SEGMENTS = [
 
 
 def synthetic_picture(height: int = 72, width: int = 80) -> np.ndarray:
-    """Waves of two directions on a ramp with a dark block: gradients everywhere, integers only from a formula."""
+    """Return waves of two directions on a ramp with a dark block, all from a formula, with gradients everywhere."""
     y, x = np.mgrid[:height, :width]
     waves = 110 + 40 * np.sin(0.23 * x + 0.11 * y) + 30 * np.cos(0.05 * x - 0.31 * y) + 0.5 * x
     waves[24:44, 30:58] -= 60
@@ -38,12 +37,12 @@ def synthetic_picture(height: int = 72, width: int = 80) -> np.ndarray:
 
 
 def reference_descriptor(image: np.ndarray, segment: list[float], width: int = 7, bands: int = 9) -> list[float]:
-    """One descriptor by plain loops over bands, rows and samples."""
+    """Compute one descriptor by plain loops over bands, rows and samples."""
     gradient = reference_gradient(image.astype(float).tolist())
     start, end = (segment[0], segment[1]), (segment[2], segment[3])
 
     def row_of_gradients(distance: float) -> list[tuple[float, float]]:
-        """(across, along) at unit steps of the row this far to the right of the line from start to end."""
+        """Return gradients (across, along) at unit steps of the row at a distance to the right of the line."""
         length = math.dist(start, end)
         ux, uy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
         right_x, right_y = -uy, ux  # facing along +x with y down, the right hand points along +y
@@ -104,7 +103,7 @@ def reference_descriptor(image: np.ndarray, segment: list[float], width: int = 7
 
 
 def reference_gradient(image: list[list[float]]) -> dict[tuple[int, int], tuple[float, float]]:
-    """Central differences of the picture smoothed with a Gaussian of 1 px; border pixels go on for ever outside."""
+    """Compute central differences of the picture smoothed by a Gaussian of 1 px; the border is repeated outside."""
     height, width = len(image), len(image[0])
     taps = [math.exp(-(t**2) / 2) for t in range(-4, 5)]
     taps = [tap / sum(taps) for tap in taps]
@@ -130,7 +129,7 @@ def reference_gradient(image: list[list[float]]) -> dict[tuple[int, int], tuple[
 
 
 def interpolated(gradient: dict[tuple[int, int], tuple[float, float]], x: float, y: float) -> tuple[float, float]:
-    """Bilinear between the four pixels around; those outside the picture have no gradient."""
+    """Interpolate bilinearly between four pixels; those outside the picture have no gradient."""
     left, top = math.floor(x), math.floor(y)
     gx = gy = 0.0
     for i in (0, 1):
@@ -142,7 +141,7 @@ def interpolated(gradient: dict[tuple[int, int], tuple[float, float]], x: float,
     return gx, gy
 
 
-def test_agrees_with_the_frozen_reference() -> None:
+def test_describe_agrees_with_the_frozen_reference() -> None:
     frozen = json.loads(FROZEN.read_text())
     assert frozen["segments"] == SEGMENTS
     np.testing.assert_allclose(describe(synthetic_picture(), np.array(SEGMENTS)), frozen["descriptors"], atol=1e-5)
@@ -150,36 +149,36 @@ def test_agrees_with_the_frozen_reference() -> None:
 
 @pytest.mark.parametrize("segment", SEGMENTS[3:6])
 @pytest.mark.parametrize("width", [3, 9])
-def test_agrees_with_the_reference_for_other_band_widths(segment: list[float], width: int) -> None:
+def test_describe_agrees_with_the_reference_for_other_band_widths(segment: list[float], width: int) -> None:
     expected = reference_descriptor(synthetic_picture(), segment, width)
     np.testing.assert_allclose(describe(synthetic_picture(), np.array([segment]), width)[0], expected, atol=1e-5)
 
 
-def test_a_straight_step_edge_has_gradients_to_its_right_in_the_middle_bands_only() -> None:
+def test_describe_a_step_edge_has_gradients_to_its_right_in_the_middle_bands_only() -> None:
     image = np.zeros((100, 100), np.uint8)
     image[50:] = 200
-    parts = describe(image, np.array([[20.0, 49.5, 80.0, 49.5]])).reshape(9, 2, 4)
-    # The gradient lies in band 4 (but for 1e-3 of it), and so in the statistics of bands 3, 4 and 5. It has one sign
-    # and one direction, so that only v1 differs from zero; equal weights on both sides make it symmetric.
-    assert np.all(parts[:, :, 1:] < 1e-6)
-    assert np.all(parts[[2, 6]] < 1e-3)
-    assert np.all(parts[[0, 1, 7, 8]] < 1e-6)
-    assert np.all(parts[3:6, :, 0] > 0.1)
-    np.testing.assert_allclose(parts[3], parts[5], atol=1e-6)
+    bands = describe(image, np.array([[20.0, 49.5, 80.0, 49.5]])).reshape(9, 2, 4)
+    # The gradient lies in band 4 (except for 1e-3 of it), so in the statistics of bands 3, 4 and 5. It has one sign and
+    # one direction, so only v1 differs from zero; equal weights on both sides make it symmetric.
+    assert np.all(bands[:, :, 1:] < 1e-6)
+    assert np.all(bands[[2, 6]] < 1e-3)
+    assert np.all(bands[[0, 1, 7, 8]] < 1e-6)
+    assert np.all(bands[3:6, :, 0] > 0.1)
+    np.testing.assert_allclose(bands[3], bands[5], atol=1e-6)
 
 
-def test_limiting_at_two_fifths_is_seen_in_a_step_edge() -> None:
+def test_describe_limits_the_components_of_a_step_edge() -> None:
     image = np.zeros((100, 100), np.uint8)
     image[50:] = 200
     descriptor = describe(image, np.array([[20.0, 49.5, 80.0, 49.5]]))[0]
-    # All six components exceed 0.4 before limiting (three of each part carry a norm of one, none below 0.4), so they
-    # come out equal: 1 / sqrt(6).
+    # All six components exceed 0.4 before limiting (three means, and three deviations, have a norm of 1 together), so
+    # all become 1 / sqrt(6).
     np.testing.assert_allclose(descriptor[descriptor > 0.1], np.full(6, 6**-0.5), atol=1e-5)
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(st.lists(st.floats(-20, 100, width=32), min_size=4, max_size=4))
-def test_order_of_end_points_does_not_matter(coordinates: list[float]) -> None:
+def test_describe_ignores_the_order_of_end_points(coordinates: list[float]) -> None:
     segment = np.array([coordinates])
     if np.hypot(*(segment[0, 2:] - segment[0, :2])) < 1:
         return
@@ -188,7 +187,7 @@ def test_order_of_end_points_does_not_matter(coordinates: list[float]) -> None:
 
 
 @pytest.mark.parametrize("quarter_turns", [1, 2, 3])
-def test_turning_the_picture_does_not_matter(quarter_turns: int) -> None:
+def test_describe_is_invariant_to_quarter_turns(quarter_turns: int) -> None:
     picture = synthetic_picture()
     turned, points = picture, np.array(SEGMENTS).reshape(-1, 2)
     for _ in range(quarter_turns):
@@ -200,7 +199,7 @@ def test_turning_the_picture_does_not_matter(quarter_turns: int) -> None:
     )
 
 
-def test_a_mirrored_picture_is_told_apart() -> None:
+def test_describe_distinguishes_a_mirrored_picture() -> None:
     picture = synthetic_picture()
     segments = np.array(SEGMENTS[2:4])
     mirrored = segments * [-1, 1, -1, 1] + [79, 0, 79, 0]
@@ -210,13 +209,13 @@ def test_a_mirrored_picture_is_told_apart() -> None:
     assert np.all(distance > 0.1)
 
 
-def test_contrast_and_brightness_do_not_matter() -> None:
+def test_describe_is_invariant_to_contrast_and_brightness() -> None:
     picture = synthetic_picture() // 2
     segments = np.array(SEGMENTS)
     np.testing.assert_allclose(describe(picture, segments), describe(2 * picture + 1, segments), atol=1e-5)
 
 
-def test_rows_have_unit_norm_and_stay_in_order_across_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_describe_has_unit_norm_and_keeps_the_order_across_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     generator = np.random.default_rng(0)
     segments = generator.uniform(-10, 90, (200, 4))
     whole = describe(synthetic_picture(), segments)
@@ -226,34 +225,34 @@ def test_rows_have_unit_norm_and_stay_in_order_across_chunks(monkeypatch: pytest
     np.testing.assert_allclose(describe(synthetic_picture(), segments), whole, atol=1e-6)
 
 
-def test_uniform_surroundings_and_places_outside_the_picture_give_zeros() -> None:
+def test_describe_a_uniform_neighborhood_or_the_outside_gives_zeros() -> None:
     outside = np.array([[500.0, 500.0, 520.0, 510.0], [-300.0, 10.0, -250.0, 10.0]])
     assert not describe(synthetic_picture(), outside).any()
     assert not describe(np.full((50, 50), 9, np.uint8), np.array([[5.0, 5.0, 40.0, 40.0]])).any()
 
 
-def test_no_segment_gives_no_row() -> None:
+def test_describe_no_segment() -> None:
     assert describe(synthetic_picture(), np.zeros((0, 4))).shape == (0, 72)
 
 
-def test_a_segment_without_length_is_refused() -> None:
+def test_describe_refuses_a_segment_without_length() -> None:
     with pytest.raises(ValueError, match=r"segment 1 is \[5\.0, 6\.0, 5\.0, 6\.0\], of length 0 px"):
         describe(synthetic_picture(), np.array([[0.0, 0.0, 9.0, 9.0], [5.0, 6.0, 5.0, 6.0]]))
 
 
-def test_a_coordinate_that_is_not_finite_is_refused() -> None:
+def test_describe_refuses_coordinates_that_are_not_finite() -> None:
     with pytest.raises(ValueError, match="segment 0 has a coordinate that is not finite"):
         describe(synthetic_picture(), np.array([[0.0, np.nan, 9.0, 9.0]]))
 
 
 @pytest.mark.parametrize("width", [0, 4, -3])
-def test_band_widths_without_a_middle_row_are_refused(width: int) -> None:
+def test_describe_refuses_band_widths_without_a_middle_row(width: int) -> None:
     with pytest.raises(ValueError, match=f"band_width is {width}"):
         describe(synthetic_picture(), np.array(SEGMENTS), width)
 
 
 def freeze() -> None:
-    """Writes the reference's descriptors, rounded to seven decimals."""
+    """Write the descriptors of the reference, rounded to seven decimals."""
     picture = synthetic_picture()
     descriptors = [[round(value, 7) for value in reference_descriptor(picture, segment)] for segment in SEGMENTS]
     FROZEN.write_text(json.dumps({"segments": SEGMENTS, "descriptors": descriptors}) + "\n")

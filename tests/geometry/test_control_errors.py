@@ -34,7 +34,7 @@ points = st.builds(row, coordinate, coordinate)
 
 
 def moved(segment_or_point: Tensor, angle_rad: float, x: float, y: float) -> Tensor:
-    """Turned about the origin, then shifted."""
+    """Rotate about the origin, then shift."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     rotation = torch.tensor([[c, -s], [s, c]], dtype=torch.float64)
     ends = segment_or_point.reshape(-1, 2) @ rotation.T + torch.tensor([x, y], dtype=torch.float64)
@@ -42,15 +42,15 @@ def moved(segment_or_point: Tensor, angle_rad: float, x: float, y: float) -> Ten
 
 
 def slid(segment: Tensor, start: float, end: float) -> Tensor:
-    """Another segment of the same carrier in the same direction: the same homogeneous line at another scale."""
+    """Return another segment of the same carrier and direction: the same homogeneous line at another scale."""
     along = segment[:, 2:] - segment[:, :2]
     return torch.cat([segment[:, :2] + start * along, segment[:, :2] + end * along], dim=1)
 
 
 def homogeneous_line(segment: Tensor) -> Tensor:
-    """The line through both end points, their cross product (Hartley and Zisserman, section 2.2).
+    """Return the line through both end points, their cross product (Hartley and Zisserman, section 2.2).
 
-    Scaled so that (l1, l2) is a unit normal, which points to the right of the walk from the first end to the second.
+    Scaled so that (l1, l2) is a unit normal that points to the right of the direction from the first end to the second.
     """
     one = torch.ones(1, 1, dtype=torch.float64)
     ends = (torch.cat([end, one], dim=1) for end in (segment[:, :2], segment[:, 2:]))
@@ -153,13 +153,13 @@ def test_line_to_line_is_zero_only_when_collinear(first: Tensor, second: Tensor)
 @given(segments, segments)
 def test_line_to_line_norm_is_symmetric_and_ignores_the_order_of_end_points(first: Tensor, second: Tensor) -> None:
     expected = error_norm(line_to_line(first, second))
-    for one, other in (
+    for first_line, second_line in (
         (second, first),
         (reversed_ends(first), second),
         (first, reversed_ends(second)),
         (reversed_ends(second), reversed_ends(first)),
     ):
-        torch.testing.assert_close(error_norm(line_to_line(one, other)), expected, rtol=1e-6, atol=1e-6)
+        torch.testing.assert_close(error_norm(line_to_line(first_line, second_line)), expected, rtol=1e-6, atol=1e-6)
 
 
 @few_examples

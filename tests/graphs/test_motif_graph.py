@@ -1,4 +1,4 @@
-"""A batch of frames is the frames: offsets, membership, the way back, and scores."""
+"""Frames as graphs, alone and in a batch: offsets, membership, unbatching, and scores."""
 
 from collections.abc import Mapping
 
@@ -29,7 +29,7 @@ from geoskill.model.scorer import InstanceScorer, Motif
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 DIMS = {POINT: 6, LINE: 9}
-# Points and lines of each frame: none, one, several, in every mixture, also at both ends.
+# Points and lines per frame: none, one and several in all combinations, with empty frames at both ends.
 COUNTS = [(0, 0), (3, 2), (1, 4), (0, 3), (4, 0), (1, 1), (2, 5), (0, 0)]
 
 
@@ -51,29 +51,29 @@ def frame_features(points: int, lines: int, seed: int) -> dict[NodeType, Feature
 def frames(kernel: Kernel, with_motion: bool = False) -> list[MotifGraph]:
     graphs = []
     for seed, (points, lines) in enumerate(COUNTS):
-        found = frame_features(points, lines, seed)
-        graphs.append(motif_graph(kernel, found, motions(found, seed) if with_motion else None))
+        features = frame_features(points, lines, seed)
+        graphs.append(motif_graph(kernel, features, motions(features, seed) if with_motion else None))
     return graphs
 
 
-def motions(found: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeType, Displacement]:
+def motions(feature_sets: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeType, Displacement]:
     generator = torch.Generator().manual_seed(seed)
     return {
-        kind: Displacement(
+        node_type: Displacement(
             torch.rand(features.geometry.shape, generator=generator),
             torch.rand(len(features), generator=generator) < 0.5,
         )
-        for kind, features in found.items()
+        for node_type, features in feature_sets.items()
     }
 
 
-def test_a_frame_holds_its_features_and_all_instances() -> None:
-    found = frame_features(2, 3, seed=0)
-    graph = motif_graph(PointToLine(), found)
-    for kind in (POINT, LINE):
-        np.testing.assert_array_equal(graph[f"{kind}_descriptor"].numpy(), found[kind].descriptors)
-        np.testing.assert_array_equal(graph[f"{kind}_geometry"].numpy(), found[kind].geometry)
-        assert f"{kind}_next_geometry" not in graph
+def test_motif_graph_holds_features_and_all_instances() -> None:
+    features = frame_features(2, 3, seed=0)
+    graph = motif_graph(PointToLine(), features)
+    for node_type in (POINT, LINE):
+        np.testing.assert_array_equal(graph[f"{node_type}_descriptor"].numpy(), features[node_type].descriptors)
+        np.testing.assert_array_equal(graph[f"{node_type}_geometry"].numpy(), features[node_type].geometry)
+        assert f"{node_type}_next_geometry" not in graph
     assert graph.instance_index.tolist() == [[0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 2]]
     assert graph.instance_frame.tolist() == [0] * 6
     assert graph.num_nodes == 5
@@ -81,22 +81,22 @@ def test_a_frame_holds_its_features_and_all_instances() -> None:
     assert graph.roles == ("point", "line")
 
 
-def test_features_of_other_types_are_left_out() -> None:
+def test_motif_graph_omits_other_node_types() -> None:
     graph = motif_graph(PointToPoint(), frame_features(3, 4, seed=0))
     assert not [key for key in graph.keys() if key.startswith("line")]  # noqa: SIM118  (iterating a Data gives pairs)
     assert graph.num_nodes == 3
 
 
-def test_motion_is_kept_by_type() -> None:
-    found = frame_features(2, 3, seed=0)
-    motion = motions(found, seed=1)
-    graph = motif_graph(PointToLine(), found, motion)
-    for kind in (POINT, LINE):
-        assert torch.equal(graph[f"{kind}_next_geometry"], motion[kind].next_geometry)
-        assert torch.equal(graph[f"{kind}_tracked"], motion[kind].tracked)
+def test_motif_graph_holds_displacements() -> None:
+    features = frame_features(2, 3, seed=0)
+    motion = motions(features, seed=1)
+    graph = motif_graph(PointToLine(), features, motion)
+    for node_type in (POINT, LINE):
+        assert torch.equal(graph[f"{node_type}_next_geometry"], motion[node_type].next_geometry)
+        assert torch.equal(graph[f"{node_type}_tracked"], motion[node_type].tracked)
 
 
-def test_offsets_in_a_batch_written_out_for_one_type() -> None:
+def test_batch_offsets_of_one_type_by_hand() -> None:
     counts = [2, 0, 1, 3]
     batch = Batch.from_data_list([motif_graph(PointToPoint(), frame_features(n, 0, seed=n)) for n in counts])
     assert batch.instance_index.tolist() == [[0, 3, 3, 4], [1, 4, 5, 5]]
@@ -105,7 +105,7 @@ def test_offsets_in_a_batch_written_out_for_one_type() -> None:
     assert batch.num_nodes == 6
 
 
-def test_each_row_has_the_offset_of_its_own_type() -> None:
+def test_batch_offsets_of_two_types_by_hand() -> None:
     counts = [(1, 2), (0, 2), (2, 0), (2, 1)]
     batch = Batch.from_data_list([motif_graph(PointToLine(), frame_features(p, n, seed=p)) for p, n in counts])
     assert batch.instance_index.tolist() == [[0, 0, 3, 4], [0, 1, 4, 4]]
@@ -113,7 +113,7 @@ def test_each_row_has_the_offset_of_its_own_type() -> None:
 
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()], ids=lambda kernel: kernel.name)
-def test_instances_of_a_batch_join_the_features_of_their_own_frame(kernel: Kernel) -> None:
+def test_batch_instances_join_features_of_their_frame(kernel: Kernel) -> None:
     graphs = frames(kernel)
     batch = Batch.from_data_list(graphs)
     for attribute in ("descriptor", "geometry"):
@@ -127,58 +127,61 @@ def test_instances_of_a_batch_join_the_features_of_their_own_frame(kernel: Kerne
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()])
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_instances_of_visible_features(kernel: Kernel, share: float) -> None:
-    """Those of all features without any that has a hidden one, in the same order; of a batch those of its frames."""
+def test_with_instances_of_visible_features(kernel: Kernel, share: float) -> None:
+    """All instances without those that have a hidden feature, in the same order, in every frame of a batch."""
     complete = Batch.from_data_list(frames(kernel))
     without = Batch.from_data_list(
         [feature_graph(kernel, frame_features(points, lines, seed)) for seed, (points, lines) in enumerate(COUNTS)]
     )
     assert "instance_index" not in without
     generator = torch.Generator().manual_seed(0)
-    visible = {kind: torch.rand(without.node_count(kind), generator=generator) >= share for kind in node_types(kernel)}
-    found = with_instances(kernel, without, visible)
+    visible = {
+        node_type: torch.rand(without.node_count(node_type), generator=generator) >= share
+        for node_type in node_types(kernel)
+    }
+    graph = with_instances(kernel, without, visible)
     assert "instance_index" not in without
-    of_roles = zip(kernel.roles, complete.instance_index, strict=True)
-    kept = torch.stack([visible[role][row] for role, row in of_roles]).all(dim=0)
-    assert torch.equal(found.instance_index, complete.instance_index[:, kept])
-    assert torch.equal(found.instance_frame, complete.instance_frame[kept])
-    assert found.num_graphs == len(COUNTS)
-    assert torch.equal(found[f"{kernel.roles[0]}_geometry"], complete[f"{kernel.roles[0]}_geometry"])
-    everything = with_instances(kernel, without)
-    assert torch.equal(everything.instance_index, complete.instance_index)
+    rows_by_role = zip(kernel.roles, complete.instance_index, strict=True)
+    kept = torch.stack([visible[role][row] for role, row in rows_by_role]).all(dim=0)
+    assert torch.equal(graph.instance_index, complete.instance_index[:, kept])
+    assert torch.equal(graph.instance_frame, complete.instance_frame[kept])
+    assert graph.num_graphs == len(COUNTS)
+    assert torch.equal(graph[f"{kernel.roles[0]}_geometry"], complete[f"{kernel.roles[0]}_geometry"])
+    all_visible = with_instances(kernel, without)
+    assert torch.equal(all_visible.instance_index, complete.instance_index)
 
 
 def _by_type(kernel: Kernel, graph: MotifGraph, attribute: str) -> dict[NodeType, torch.Tensor]:
-    return {kind: graph[f"{kind}_{attribute}"] for kind in node_types(kernel)}
+    return {node_type: graph[f"{node_type}_{attribute}"] for node_type in node_types(kernel)}
 
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()], ids=lambda kernel: kernel.name)
-def test_a_batch_gives_its_frames_back(kernel: Kernel) -> None:
+def test_batch_to_data_list_round_trip(kernel: Kernel) -> None:
     graphs = frames(kernel, with_motion=True)
     batch = Batch.from_data_list(graphs)
-    for back, graph in [
+    for unbatched, graph in [
         *zip(batch.to_data_list(), graphs, strict=True),
         *((batch.get_example(t), graphs[t]) for t in range(len(graphs))),
     ]:
-        assert type(back) is MotifGraph
-        assert set(back.keys()) == set(graph.keys())
+        assert type(unbatched) is MotifGraph
+        assert set(unbatched.keys()) == set(graph.keys())
         for key, value in graph.to_dict().items():
             if isinstance(value, torch.Tensor):
-                assert torch.equal(back[key], value), key
-                assert back[key].dtype == value.dtype, key
+                assert torch.equal(unbatched[key], value), key
+                assert unbatched[key].dtype == value.dtype, key
             else:
-                assert back[key] == value, key
+                assert unbatched[key] == value, key
 
 
-def test_the_way_back_leads_again_to_the_batch() -> None:
+def test_batch_of_unbatched_frames_equals_batch() -> None:
     graphs = frames(PointToLine(), with_motion=True)
     batch = Batch.from_data_list(graphs)
-    again = Batch.from_data_list(batch.to_data_list())
-    assert torch.equal(again.instance_index, batch.instance_index)
-    assert torch.equal(again.instance_frame, batch.instance_frame)
+    second_batch = Batch.from_data_list(batch.to_data_list())
+    assert torch.equal(second_batch.instance_index, batch.instance_index)
+    assert torch.equal(second_batch.instance_frame, batch.instance_frame)
 
 
-def test_the_data_loader_of_pytorch_geometric_batches_a_list() -> None:
+def test_data_loader_batches_graphs() -> None:
     graphs = frames(PointToLine(), with_motion=True)
     batches = list(DataLoader(graphs, batch_size=3))
     assert [batch.num_graphs for batch in batches] == [3, 3, 2]
@@ -195,8 +198,8 @@ def test_the_data_loader_of_pytorch_geometric_batches_a_list() -> None:
             assert torch.equal(batch[key], expected[key]), key
 
 
-def test_the_data_loader_batches_transitions_of_several_members() -> None:
-    """The form that training uses: a dictionary of graphs for each transition."""
+def test_data_loader_batches_transitions_of_several_members() -> None:
+    """Training uses a dictionary of graphs per transition."""
     points, mixed = frames(PointToPoint()), frames(PointToLine())
     items = [{"p2p": {"first": a}, "p2l": {"first": b}} for a, b in zip(points, mixed, strict=True)]
     (batch,) = DataLoader(items, batch_size=len(items))
@@ -206,7 +209,7 @@ def test_the_data_loader_batches_transitions_of_several_members() -> None:
 
 def _model(kernel: Kernel, scorer: str) -> KernelModel:
     torch.manual_seed(0)
-    motif = Motif.of(kernel, {kind: DIMS[kind] for kind in node_types(kernel)})
+    motif = Motif.of(kernel, {node_type: DIMS[node_type] for node_type in node_types(kernel)})
     network: InstanceScorer = (
         MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True, read_out="perceptron")
         if scorer == "message passing"
@@ -217,7 +220,7 @@ def _model(kernel: Kernel, scorer: str) -> KernelModel:
 
 @pytest.mark.parametrize("scorer", ["message passing", "bilinear"])
 @pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()], ids=lambda kernel: kernel.name)
-def test_scores_and_errors_of_a_batch_are_those_of_its_frames(kernel: Kernel, scorer: str) -> None:
+def test_batch_scores_and_errors_equal_those_of_frames(kernel: Kernel, scorer: str) -> None:
     model = _model(kernel, scorer)
     graphs = frames(kernel, with_motion=True)
     batch = Batch.from_data_list(graphs)
@@ -230,7 +233,7 @@ def test_scores_and_errors_of_a_batch_are_those_of_its_frames(kernel: Kernel, sc
         assert torch.equal(model.control_errors(batch, geometry), errors)
 
 
-def test_a_batch_moves_to_another_device_as_a_whole() -> None:
+def test_batch_moves_to_another_device() -> None:
     batch = Batch.from_data_list(frames(PointToLine(), with_motion=True)).to("meta")
     tensors = [value for value in batch.to_dict().values() if isinstance(value, torch.Tensor)]
     assert len(tensors) >= 10

@@ -1,13 +1,14 @@
-"""A file takes the place of an older one when it is complete, and not before."""
+"""Atomic writing: a file replaces an older one only when it is complete."""
 
+import threading
 from pathlib import Path
 
 import pytest
 
-from geoskill.io.atomic import atomic_open, atomic_path
+from geoskill.io.atomic import atomic_open, atomic_path, is_temporary
 
 
-def test_a_complete_file_takes_the_place_of_the_older_one(tmp_path: Path) -> None:
+def test_atomic_open_and_path_replace_an_older_file_when_complete(tmp_path: Path) -> None:
     path = tmp_path / "metrics.json"
     path.write_text("older")
     with atomic_open(path) as file:
@@ -23,7 +24,7 @@ def test_a_complete_file_takes_the_place_of_the_older_one(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_older_file_stays_when_writing_fails(tmp_path: Path) -> None:
+def test_atomic_open_and_path_keep_an_older_file_when_writing_fails(tmp_path: Path) -> None:
     path = tmp_path / "metrics.json"
     path.write_text("older")
     with pytest.raises(RuntimeError, match="the disk is full"), atomic_open(path) as file:
@@ -33,3 +34,31 @@ def test_an_older_file_stays_when_writing_fails(tmp_path: Path) -> None:
         pass  # nothing was written
     assert path.read_text() == "older"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_atomic_path_is_hidden_keeps_the_suffix_and_is_recognized(tmp_path: Path) -> None:
+    path = tmp_path / "overlay.mp4"
+    with atomic_path(path) as temporary:
+        assert (temporary.parent, temporary.suffix, temporary.name[0]) == (tmp_path, ".mp4", ".")
+        assert is_temporary(temporary)
+        assert not is_temporary(path)
+        temporary.write_bytes(b"")
+
+
+def test_atomic_path_differs_between_threads(tmp_path: Path) -> None:
+    names: list[Path] = []
+    together = threading.Barrier(2, timeout=10)
+
+    def write() -> None:
+        with atomic_path(tmp_path / "a.npz") as temporary:
+            temporary.write_bytes(b"")
+            names.append(temporary)
+            together.wait()
+
+    threads = [threading.Thread(target=write) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(names)) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]

@@ -1,4 +1,4 @@
-"""A camera that is none: number 3 exists, does not know its rate, gives four pictures and then is unplugged."""
+"""A fake camera: number 3 exists, does not report its rate, delivers four pictures and is then unplugged."""
 
 import time
 from unittest.mock import Mock
@@ -15,7 +15,7 @@ PICTURE = np.full((4, 6, 3), (200, 20, 9), np.uint8)
 
 @pytest.fixture(autouse=True)
 def captures(monkeypatch: pytest.MonkeyPatch) -> list[Mock]:
-    """What was opened; half a second passes between two looks at the clock."""
+    """Return the captures that were opened; each reading of the clock is half a second after the last."""
     opened: list[Mock] = []
     real = cv2.VideoCapture
 
@@ -37,7 +37,7 @@ def all_released(captures: list[Mock]) -> bool:
     return all(capture.release.called for capture in captures)
 
 
-def test_stops_at_max_frames_and_is_released(captures: list[Mock]) -> None:
+def test_camera_stops_at_max_frames_and_is_released(captures: list[Mock]) -> None:
     camera = Camera(3, max_frames=2)
     assert all_released(captures)
     frames = list(camera)
@@ -48,7 +48,7 @@ def test_stops_at_max_frames_and_is_released(captures: list[Mock]) -> None:
     assert camera.name == "camera 3"
 
 
-def test_released_when_the_loop_is_left(captures: list[Mock]) -> None:
+def test_camera_is_released_when_the_loop_is_left(captures: list[Mock]) -> None:
     frames = iter(Camera(3))
     next(frames)
     assert not all_released(captures)
@@ -56,13 +56,13 @@ def test_released_when_the_loop_is_left(captures: list[Mock]) -> None:
     assert all_released(captures)
 
 
-def test_unplugged(captures: list[Mock]) -> None:
+def test_camera_raises_when_unplugged(captures: list[Mock]) -> None:
     with pytest.raises(InputError, match="camera 3: no picture after 4 frames"):
         list(Camera(3))
     assert all_released(captures)
 
 
-def test_cannot_be_opened(captures: list[Mock]) -> None:
+def test_camera_raises_when_it_cannot_be_opened(captures: list[Mock]) -> None:
     with pytest.raises(InputError, match=r"camera 5: cannot be opened; expected the index of a connected camera"):
         Camera(5)
     assert all_released(captures)

@@ -1,4 +1,4 @@
-"""What a path or a number stands for, and reading it to its end."""
+"""Opening a source by path or number, and reading it to its end."""
 
 from pathlib import Path
 from unittest.mock import Mock
@@ -15,7 +15,7 @@ from geoskill.io.video import ImageFolder, VideoFile
 
 
 def folder_of(path: Path, count: int) -> Path:
-    """Plain pictures, each of the gray level of its number."""
+    """Write uniform pictures whose gray level is their number."""
     path.mkdir()
     for number in range(count):
         assert cv2.imwrite(str(path / f"{number}.png"), np.full((4, 6, 3), number, np.uint8))
@@ -23,7 +23,7 @@ def folder_of(path: Path, count: int) -> Path:
 
 
 class TestOpenFrames:
-    def test_folder_named_by_digits_is_no_camera(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_folder_named_by_digits_is_not_a_camera(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         folder_of(tmp_path / "7", 1)
         monkeypatch.chdir(tmp_path)
         source = open_frames("7", frame_rate=5.0)
@@ -53,7 +53,7 @@ class TestOpenFrames:
         assert {call.args for call in opened.call_args_list} == {(3,)}
 
     @pytest.mark.parametrize("source", ["nowhere.mp4", "", "-1"])
-    def test_what_does_not_exist(self, source: str) -> None:
+    def test_missing_source_is_refused(self, source: str) -> None:
         with pytest.raises(InputError, match=rf"'{source}' does not exist; expected a video \(mp4.*camera's index"):
             open_frames(source)
 

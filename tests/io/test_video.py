@@ -1,4 +1,4 @@
-"""Frames of tiny pictures and videos made here; what each bad input says."""
+"""Frames of small folders and videos written here, and the messages for bad input."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -17,7 +17,7 @@ HEIGHT, WIDTH = 48, 64
 
 
 def plain(level: int, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Red left half, the rest of gray ``level``: shows swapped channels, mirroring and the order of frames."""
+    """Return a picture, red on the left and gray on the right: shows swapped channels, mirroring and frame order."""
     image = np.full((height, width, 3), level, np.uint8)
     image[:, : width // 2] = (200, 20, 20)
     return image
@@ -41,9 +41,9 @@ def write_video(
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.bit_rate = 2_000_000
-        for place, image in enumerate(images):
+        for position, image in enumerate(images):
             frame = av.VideoFrame.from_ndarray(image, format="rgb24")
-            frame.pts = place if ticks is None else ticks[place]
+            frame.pts = position if ticks is None else ticks[position]
             frame.time_base = Fraction(1, rate)
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
@@ -51,7 +51,7 @@ def write_video(
 
 
 def noise(count: int) -> list[np.ndarray]:
-    """Frames that do not compress, so that every one of them takes up a good part of the file."""
+    """Return frames that do not compress, so that each takes up a large share of the file."""
     random = np.random.default_rng(0)
     return [random.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(count)]
 
@@ -61,7 +61,7 @@ class TestImageFolder:
         for number in (10, 2, 1):
             write_image(tmp_path / f"frame{number}.png", plain(number))
         (tmp_path / "notes.txt").write_text("no picture")
-        (tmp_path / ".frame3.png").write_text("what some systems leave beside a picture")
+        (tmp_path / ".frame3.png").write_text("some systems leave such a file beside a picture")
         frames = list(ImageFolder(tmp_path, frame_rate=4.0))
         assert [int(frame.image[0, -1, 0]) for frame in frames] == [1, 2, 10]
         assert [frame.index for frame in frames] == [0, 1, 2]
@@ -141,11 +141,11 @@ class TestVideoFile:
                 inside = frame.image[:, [4, 60]].astype(int)
                 np.testing.assert_allclose(inside, plain(level)[:, [4, 60]], atol=12)
 
-    def test_times_are_the_files_own_counted_from_the_first_frame(self, tmp_path: Path) -> None:
+    def test_times_are_those_in_the_file_relative_to_the_first_frame(self, tmp_path: Path) -> None:
         path = write_video(tmp_path / "demo.mkv", noise(3), ticks=[5, 6, 9])
         assert [frame.time_s for frame in VideoFile(path)] == pytest.approx([0.0, 0.1, 0.4])
 
-    def test_frame_rate_given_wins_but_leaves_the_times(self, tmp_path: Path) -> None:
+    def test_given_frame_rate_overrides_the_files_but_not_the_times(self, tmp_path: Path) -> None:
         source = VideoFile(write_video(tmp_path / "demo.mp4", noise(3)), frame_rate=25.0)
         assert source.frame_rate == 25.0
         assert [frame.time_s for frame in source] == pytest.approx([0.0, 0.1, 0.2])
@@ -164,7 +164,7 @@ class TestVideoFile:
     ) -> None:
         path = write_video(tmp_path / "phone.mp4", [plain(230)] * 2)
         data = bytearray(path.read_bytes())
-        # ISO 14496-12, 8.3.2: the track header's matrix stands 44 bytes after its name (a b u c d v x y w, 16.16).
+        # ISO 14496-12, 8.3.2: the track header's matrix (a b u c d v x y w, 16.16) starts 44 bytes after its name.
         start = data.index(b"tkhd") + 44
         identity = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1 << 14], ">i4") << np.array([16, 16, 30, 16, 16, 30, 16, 16, 16])
         assert bytes(data[start : start + 36]) == identity.astype(">i4").tobytes()
@@ -173,7 +173,7 @@ class TestVideoFile:
         data[start : start + 36] = turned.tobytes()
         path.write_bytes(data)
         image = next(iter(VideoFile(path))).image
-        # The left half is red in the coded frame; a turn clockwise brings it to the top.
+        # The left half is red in the coded frame; a clockwise turn brings it to the top.
         expected = {"top": np.rot90(plain(230), -1), "bottom": np.rot90(plain(230)), "right": plain(230)[:, ::-1]}
         assert image.shape == expected[red_side].shape
         assert np.median(np.abs(image.astype(int) - expected[red_side])) <= 12
@@ -187,7 +187,7 @@ class TestVideoFile:
         with pytest.raises(InputError, match=r"notes\.txt: unsupported type '\.txt'; expected a video \(mp4"):
             VideoFile(tmp_path / "notes.txt")
 
-    def test_file_that_is_no_video(self, tmp_path: Path) -> None:
+    def test_file_that_is_not_a_video(self, tmp_path: Path) -> None:
         (tmp_path / "fake.mp4").write_text("no video " * 500)
         with pytest.raises(InputError, match=r"fake\.mp4: not readable \(Invalid data.*\); expected a complete video"):
             VideoFile(tmp_path / "fake.mp4")
@@ -234,7 +234,7 @@ class TestVideoFile:
         assert f"{name}: the video breaks at frame {len(read)}: " in str(caught.value)
 
     @pytest.mark.parametrize("name", ["cut.mkv", "cut.webm"])
-    def test_truncated_where_the_container_hides_it(self, tmp_path: Path, name: str) -> None:
+    def test_truncated_although_the_container_hides_it(self, tmp_path: Path, name: str) -> None:
         path = write_video(tmp_path / name, noise(40))
         path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
         with pytest.raises(InputError, match=rf"{name}: the video breaks at frame \d+: 1\.\d of 4\.0 s are missing"):

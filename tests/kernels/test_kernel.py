@@ -1,4 +1,4 @@
-"""What every kernel promises, for whatever kernels there are, and the symmetries of motifs counted by hand."""
+"""The contract of every built-in kernel, and symmetries of motifs counted by hand."""
 
 import importlib
 import inspect
@@ -31,12 +31,12 @@ def kernels_of(stem: str) -> list[type[Kernel]]:
     ]
 
 
-def test_there_are_kernels() -> None:
+def test_built_in_kernels_exist() -> None:
     assert {"p2p", "p2l", "l2l", "par"} <= set(STEMS)
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_a_file_holds_one_final_kernel_of_its_name(stem: str) -> None:
+def test_kernel_file_holds_one_final_kernel_of_its_name(stem: str) -> None:
     (kernel,) = kernels_of(stem)
     assert kernel.name == stem
     assert getattr(kernel, "__final__", False)
@@ -44,7 +44,7 @@ def test_a_file_holds_one_final_kernel_of_its_name(stem: str) -> None:
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_the_motif_is_sound(stem: str) -> None:
+def test_kernel_motif_is_connected_and_without_duplicate_edges(stem: str) -> None:
     (kernel,) = kernels_of(stem)
     nodes = set(range(len(kernel.roles)))
     assert all(isinstance(role, NodeType) for role in kernel.roles)
@@ -60,7 +60,7 @@ def test_the_motif_is_sound(stem: str) -> None:
 @pytest.mark.parametrize("stem", STEMS)
 @pytest.mark.parametrize("points", [0, 1, 2, 5])
 @pytest.mark.parametrize("lines", [0, 1, 3])
-def test_instances_are_distinct_associations_within_range(stem: str, points: int, lines: int) -> None:
+def test_kernel_instances_are_distinct_and_within_range(stem: str, points: int, lines: int) -> None:
     (kernel,) = kernels_of(stem)
     counts = {POINT: points, LINE: lines}
     index = kernel().instances(counts)
@@ -78,7 +78,7 @@ def test_instances_are_distinct_associations_within_range(stem: str, points: int
 
 @pytest.mark.parametrize("stem", STEMS)
 @pytest.mark.parametrize("count", [0, 1, 7])
-def test_the_control_error_has_its_width_for_any_number_of_instances(stem: str, count: int) -> None:
+def test_control_error_shape(stem: str, count: int) -> None:
     (kernel,) = kernels_of(stem)
     torch.manual_seed(0)
     nodes = [100 * torch.rand(count, role.geometry_dim) for role in kernel.roles]
@@ -89,7 +89,7 @@ def test_the_control_error_has_its_width_for_any_number_of_instances(stem: str, 
 
 
 @pytest.mark.parametrize("stem", STEMS)
-def test_the_size_of_the_control_error_does_not_depend_on_the_order_of_like_nodes(stem: str) -> None:
+def test_control_error_norm_is_invariant_under_automorphisms(stem: str) -> None:
     (kernel,) = kernels_of(stem)
     torch.manual_seed(0)
     nodes = [100 * torch.rand(50, role.geometry_dim, dtype=torch.float64) for role in kernel.roles]
@@ -99,14 +99,14 @@ def test_the_size_of_the_control_error_does_not_depend_on_the_order_of_like_node
         torch.testing.assert_close(kernel().control_error([nodes[i] for i in order]).norm(dim=1), size)
 
 
-def made_up(kernel_roles: Sequence[NodeType], kernel_edges: Sequence[tuple[int, int]]) -> type[Kernel]:
-    """A motif and nothing else: abstract, since it is asked for no instance and no error."""
+def motif_kernel(kernel_roles: Sequence[NodeType], kernel_edges: Sequence[tuple[int, int]]) -> type[Kernel]:
+    """A kernel with a motif only; abstract, since tests ask it for neither instances nor errors."""
 
-    class MadeUp(Kernel):
+    class MotifKernel(Kernel):
         roles: ClassVar[tuple[NodeType, ...]] = tuple(kernel_roles)
         edges: ClassVar[tuple[tuple[int, int], ...]] = tuple(kernel_edges)
 
-    return MadeUp
+    return MotifKernel
 
 
 PAIR = [(0, 1)]
@@ -121,7 +121,7 @@ COMPLETE = list(combinations(range(4), 2))
         ([POINT, POINT], PAIR, {(0, 1), (1, 0)}),
         ([POINT, LINE], PAIR, {(0, 1)}),
         ([POINT] * 3, PATH, {(0, 1, 2), (2, 1, 0)}),
-        ([POINT] * 3, [(1, 0), (2, 1)], {(0, 1, 2), (2, 1, 0)}),  # the way an edge is written says nothing
+        ([POINT] * 3, [(1, 0), (2, 1)], {(0, 1, 2), (2, 1, 0)}),  # edges have no direction
         ([POINT, LINE, POINT], PATH, {(0, 1, 2), (2, 1, 0)}),
         ([POINT, POINT, LINE], PATH, {(0, 1, 2)}),
         ([POINT, POINT, LINE], [(0, 2), (1, 2)], {(0, 1, 2), (1, 0, 2)}),
@@ -129,10 +129,10 @@ COMPLETE = list(combinations(range(4), 2))
     ],
 )
 def test_automorphisms(roles: list[NodeType], edges: list[tuple[int, int]], expected: set[tuple[int, ...]]) -> None:
-    found = automorphisms(made_up(roles, edges))
-    assert found[0] == tuple(range(len(roles)))
-    assert set(found) == expected
-    assert len(found) == len(expected)
+    orders = automorphisms(motif_kernel(roles, edges))
+    assert orders[0] == tuple(range(len(roles)))
+    assert set(orders) == expected
+    assert len(orders) == len(expected)
 
 
 @pytest.mark.parametrize(
@@ -146,13 +146,13 @@ def test_automorphisms(roles: list[NodeType], edges: list[tuple[int, int]], expe
     ],
 )
 def test_number_of_automorphisms(roles: list[NodeType], edges: list[tuple[int, int]], count: int) -> None:
-    assert len(set(automorphisms(made_up(roles, edges)))) == count
+    assert len(set(automorphisms(motif_kernel(roles, edges)))) == count
 
 
-def test_messages_go_both_ways_along_each_edge() -> None:
-    assert directed_edges(made_up([POINT] * 3, PATH)) == ((0, 1), (1, 2), (1, 0), (2, 1))
+def test_directed_edges_have_both_directions() -> None:
+    assert directed_edges(motif_kernel([POINT] * 3, PATH)) == ((0, 1), (1, 2), (1, 0), (2, 1))
 
 
 def test_node_types_are_distinct_and_in_order() -> None:
-    assert node_types(made_up([LINE, POINT, LINE], PATH)) == (LINE, POINT)
-    assert node_types(made_up([POINT, POINT], PAIR)) == (POINT,)
+    assert node_types(motif_kernel([LINE, POINT, LINE], PATH)) == (LINE, POINT)
+    assert node_types(motif_kernel([POINT, POINT], PAIR)) == (POINT,)

@@ -6,16 +6,16 @@ from geoskill.kernels.kernel import automorphisms
 from geoskill.kernels.l2l import LineToLine
 
 
-def test_instances_are_the_pairs_of_lines_whatever_points_there_are() -> None:
+def test_l2l_instances_are_pairs_of_lines() -> None:
     assert LineToLine().instances({NodeType.POINT: 9, NodeType.LINE: 3}).tolist() == [[0, 0, 1], [1, 2, 2]]
     assert LineToLine().instances({NodeType.LINE: 0}).shape == (2, 0)
 
 
-def test_its_lines_cannot_be_told_apart() -> None:
+def test_l2l_automorphisms() -> None:
     assert automorphisms(LineToLine) == ((0, 1), (1, 0))
 
 
-def test_error_is_that_of_collinearity() -> None:
+def test_l2l_control_error() -> None:
     torch.manual_seed(0)
     first, second = 100 * torch.rand(2, 20, 4)
     assert torch.equal(LineToLine().control_error([first, second]), line_to_line(first, second))

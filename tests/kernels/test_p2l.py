@@ -6,17 +6,17 @@ from geoskill.kernels.kernel import automorphisms
 from geoskill.kernels.p2l import PointToLine
 
 
-def test_instances_are_every_point_with_every_line() -> None:
+def test_p2l_instances_are_points_with_lines() -> None:
     index = PointToLine().instances({NodeType.POINT: 2, NodeType.LINE: 3})
     assert index.tolist() == [[0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 2]]
     assert PointToLine().instances({NodeType.POINT: 4, NodeType.LINE: 0}).shape == (2, 0)
 
 
-def test_its_nodes_differ() -> None:
+def test_p2l_automorphisms() -> None:
     assert automorphisms(PointToLine) == ((0, 1),)
 
 
-def test_error_is_the_signed_distance_of_the_point() -> None:
+def test_p2l_control_error() -> None:
     torch.manual_seed(0)
     point, line = 100 * torch.rand(20, 2), 100 * torch.rand(20, 4)
     assert torch.equal(PointToLine().control_error([point, line]), point_to_line(point, line))

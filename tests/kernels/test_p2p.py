@@ -6,16 +6,16 @@ from geoskill.kernels.kernel import automorphisms
 from geoskill.kernels.p2p import PointToPoint
 
 
-def test_instances_are_the_pairs_of_points_whatever_lines_there_are() -> None:
+def test_p2p_instances_are_pairs_of_points() -> None:
     assert PointToPoint().instances({NodeType.POINT: 3, NodeType.LINE: 9}).tolist() == [[0, 0, 1], [1, 2, 2]]
     assert PointToPoint().instances({NodeType.POINT: 1}).shape == (2, 0)
 
 
-def test_its_points_cannot_be_told_apart() -> None:
+def test_p2p_automorphisms() -> None:
     assert automorphisms(PointToPoint) == ((0, 1), (1, 0))
 
 
-def test_error_is_first_minus_second() -> None:
+def test_p2p_control_error() -> None:
     torch.manual_seed(0)
     first, second = torch.rand(2, 20, 2)
     assert torch.equal(PointToPoint().control_error([first, second]), point_to_point(first, second))

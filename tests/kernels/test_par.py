@@ -7,16 +7,16 @@ from geoskill.kernels.kernel import automorphisms
 from geoskill.kernels.par import Parallel
 
 
-def test_instances_are_the_pairs_of_lines_whatever_points_there_are() -> None:
+def test_par_instances_are_pairs_of_lines() -> None:
     assert Parallel().instances({NodeType.POINT: 9, NodeType.LINE: 3}).tolist() == [[0, 0, 1], [1, 2, 2]]
     assert Parallel().instances({NodeType.LINE: 1}).shape == (2, 0)
 
 
-def test_its_lines_cannot_be_told_apart() -> None:
+def test_par_automorphisms() -> None:
     assert automorphisms(Parallel) == ((0, 1), (1, 0))
 
 
-def test_error_is_the_sine_of_the_angle() -> None:
+def test_par_control_error() -> None:
     torch.manual_seed(0)
     first, second = 100 * torch.rand(2, 20, 4)
     assert torch.equal(Parallel().control_error([first, second]), parallel(first, second))

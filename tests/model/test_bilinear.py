@@ -10,16 +10,16 @@ from geoskill.model.scorer import Motif
 POINT, LINE = NodeType.POINT, NodeType.LINE
 
 
-def test_scores_equal_the_sum_over_edges_written_out() -> None:
+def test_bilinear_scores_by_hand() -> None:
     torch.manual_seed(0)
     path = Motif((POINT, LINE, POINT), ((0, 1), (1, 2), (1, 0), (2, 1)), ((0, 1, 2), (2, 1, 0)), {POINT: 6, LINE: 9})
     network = Bilinear(path, hidden_dim=4).double()
     descriptors = {POINT: torch.randn(3, 6, dtype=torch.float64), LINE: torch.randn(2, 9, dtype=torch.float64)}
     index = torch.tensor([[0, 1, 2, 2], [0, 0, 1, 1], [1, 2, 0, 2]])
 
-    def encoded(encoders: torch.nn.ModuleDict, kind: NodeType, feature: int) -> torch.Tensor:
-        first, _, second = encoders.layers[str(kind)]
-        x = descriptors[kind][feature] * {POINT: 6, LINE: 9}[kind] ** 0.5
+    def encoded(encoders: torch.nn.ModuleDict, node_type: NodeType, feature: int) -> torch.Tensor:
+        first, _, second = encoders.layers[str(node_type)]
+        x = descriptors[node_type][feature] * {POINT: 6, LINE: 9}[node_type] ** 0.5
         return second.weight @ (first.weight @ x + first.bias).clamp(min=0) + second.bias
 
     expected = []
@@ -35,7 +35,7 @@ def test_scores_equal_the_sum_over_edges_written_out() -> None:
 
 
 @pytest.mark.parametrize("hidden_dim", [0, -3])
-def test_a_width_below_one_is_refused(hidden_dim: int) -> None:
+def test_bilinear_rejects_hidden_dim_below_one(hidden_dim: int) -> None:
     motif = Motif.of(PointToLine(), {POINT: 6, LINE: 9})
-    with pytest.raises(InputError, match=rf"^model\.hidden_dim={hidden_dim}: expected at least 1$"):
+    with pytest.raises(InputError, match=rf"^hidden_dim={hidden_dim}: expected at least 1$"):
         Bilinear(motif, hidden_dim=hidden_dim)

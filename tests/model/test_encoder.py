@@ -13,7 +13,7 @@ def motif(dims: dict[NodeType, int], sides: dict[NodeType, int] | None = None) -
     return Motif((POINT, POINT), ((0, 1), (1, 0)), ((0, 1), (1, 0)), dims, sides or {})
 
 
-def test_each_type_has_its_own_layer_into_one_space() -> None:
+def test_linear_encoder_has_one_layer_per_node_type() -> None:
     torch.manual_seed(0)
     encoder = DescriptorEncoder(motif({POINT: 16, LINE: 4}), hidden_dim=3)
     descriptors = {POINT: torch.randn(5, 16), LINE: torch.randn(2, 4)}
@@ -25,11 +25,11 @@ def test_each_type_has_its_own_layer_into_one_space() -> None:
     assert sum(parameter.numel() for parameter in encoder.parameters()) == 16 * 3 + 3 + 4 * 3 + 3
 
 
-def test_a_frame_without_features_of_a_type() -> None:
+def test_encoder_without_features() -> None:
     assert DescriptorEncoder(motif({POINT: 16}), hidden_dim=3)({POINT: torch.zeros(0, 16)})[POINT].shape == (0, 3)
 
 
-def test_with_a_width_it_is_a_perceptron() -> None:
+def test_encoder_with_width_is_a_perceptron() -> None:
     torch.manual_seed(0)
     encoder = DescriptorEncoder(motif({POINT: 16}), hidden_dim=3, width=7)
     x = torch.randn(5, 16)
@@ -39,12 +39,12 @@ def test_with_a_width_it_is_a_perceptron() -> None:
     assert first.weight.shape == (7, 16)
 
 
-def test_a_width_below_one_is_refused() -> None:
-    with pytest.raises(InputError, match=r"model\.encoder_dim=0: expected at least 1, or null"):
+def test_encoder_rejects_width_below_one() -> None:
+    with pytest.raises(InputError, match=r"^width=0: expected at least 1, or None for a linear encoder$"):
         DescriptorEncoder(motif({POINT: 16}), hidden_dim=3, width=0)
 
 
-def test_patches_are_described_by_convolutions_beside_which_the_rest_stands() -> None:
+def test_patch_encoder_concatenates_description_and_rest() -> None:
     torch.manual_seed(0)
     encoder = DescriptorEncoder(motif({POINT: 64 + 2, LINE: 5}, {POINT: 8}), hidden_dim=3, width=7)
     x = torch.randn(5, 66)
@@ -53,19 +53,19 @@ def test_patches_are_described_by_convolutions_beside_which_the_rest_stands() ->
     learned = description.network(scaled[:, :64].reshape(5, 1, 8, 8))
     assert learned.shape == (5, 7)
     torch.testing.assert_close(encoder({POINT: x})[POINT], perceptron(torch.cat([learned, scaled[:, 64:]], dim=1)))
-    # Rows are rows: a patch is not the same when it is turned.
-    turned = torch.cat([x[:, :64].reshape(5, 8, 8).transpose(1, 2).reshape(5, 64), x[:, 64:]], dim=1)
-    assert not torch.allclose(encoder({POINT: turned})[POINT], encoder({POINT: x})[POINT], atol=1e-3)
+    # A transposed patch is described differently.
+    transposed = torch.cat([x[:, :64].reshape(5, 8, 8).transpose(1, 2).reshape(5, 64), x[:, 64:]], dim=1)
+    assert not torch.allclose(encoder({POINT: transposed})[POINT], encoder({POINT: x})[POINT], atol=1e-3)
     assert encoder({LINE: torch.randn(2, 5)})[LINE].shape == (2, 3)
     assert encoder({POINT: torch.zeros(0, 66)})[POINT].shape == (0, 3)
 
 
-def test_a_linear_encoder_takes_patches_as_they_are() -> None:
+def test_linear_encoder_uses_patches_as_numbers() -> None:
     encoder = DescriptorEncoder(motif({POINT: 64}, {POINT: 8}), hidden_dim=3)
     x = torch.randn(5, 64)
     torch.testing.assert_close(encoder({POINT: x})[POINT], encoder.layers["point"](8 * x))
 
 
-def test_a_patch_that_cannot_be_halved_twice_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^patches of 10 pixels; expected a multiple of four$"):
+def test_patch_description_rejects_side_not_divisible_by_four() -> None:
+    with pytest.raises(ValueError, match=r"^side=10: expected a multiple of four pixels$"):
         DescriptorEncoder(motif({POINT: 100}, {POINT: 10}), hidden_dim=3, width=7)

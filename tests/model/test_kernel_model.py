@@ -1,4 +1,4 @@
-"""One member of a skill: precision, errors of its instances, select-out, and what a checkpoint keeps."""
+"""A member of a skill: precision, control errors, select-out, and the content of its state dict."""
 
 from pathlib import Path
 
@@ -29,28 +29,28 @@ EXTRACTORS = {POINT: "sift", LINE: "lbd"}
 def model_of(kernel: Kernel, scorer: str = "message passing") -> KernelModel:
     torch.manual_seed(0)
     types = node_types(kernel)
-    motif = Motif.of(kernel, {kind: DIMS[kind] for kind in types})
+    motif = Motif.of(kernel, {node_type: DIMS[node_type] for node_type in types})
     network = (
         Bilinear(motif, hidden_dim=16)
         if scorer == "bilinear"
         else MessagePassing(motif, hidden_dim=16, layers=3, shared_weights=True, read_out="perceptron")
     )
-    return KernelModel(kernel, {kind: EXTRACTORS[kind] for kind in types}, network)
+    return KernelModel(kernel, {node_type: EXTRACTORS[node_type] for node_type in types}, network)
 
 
 def frame_of(kernel: Kernel, counts: dict[NodeType, int], seed: int = 0) -> MotifGraph:
     random = np.random.default_rng(seed)
     features, motion = {}, {}
-    for kind, count in counts.items():
-        descriptors = random.normal(size=(count, DIMS[kind])).astype(np.float32)
-        geometry = random.uniform(0, 200, (count, kind.geometry_dim)).astype(np.float32)
-        features[kind] = FeatureSet(
-            kind,
+    for node_type, count in counts.items():
+        descriptors = random.normal(size=(count, DIMS[node_type])).astype(np.float32)
+        geometry = random.uniform(0, 200, (count, node_type.geometry_dim)).astype(np.float32)
+        features[node_type] = FeatureSet(
+            node_type,
             descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True),
             geometry,
             np.zeros(count, np.float32),
         )
-        motion[kind] = Displacement(torch.from_numpy(geometry + 3), torch.ones(count, dtype=torch.bool))
+        motion[node_type] = Displacement(torch.from_numpy(geometry + 3), torch.ones(count, dtype=torch.bool))
     return motif_graph(kernel, features, motion)
 
 
@@ -63,11 +63,11 @@ def test_scores_are_float32_under_bfloat16_autocast(kernel: Kernel, scorer: str)
     with torch.autocast("cpu", torch.bfloat16):
         scores = model(graph)
     assert scores.dtype == exact.dtype == torch.float32
-    # bfloat16 has 8 bits: some rounding, or the precision inside was not low at all, and no more.
+    # bfloat16 has 8 bits: scores are rounded (or the precision inside was not low), but not by more.
     assert 0 < (scores - exact).abs().max() < 0.05
 
 
-def test_training_under_autocast_gives_float32_gradients() -> None:
+def test_gradients_are_float32_under_autocast() -> None:
     model = model_of(PointToPoint())
     with torch.autocast("cpu", torch.bfloat16):
         scores = model(frame_of(PointToPoint(), {POINT: 6}))
@@ -90,12 +90,12 @@ def test_select_out_sums_to_one_over_each_frame(scorer: str) -> None:
     assert (selected > 0).all()
 
 
-def test_other_descriptors_take_the_place_of_the_graphs_own() -> None:
+def test_forward_with_given_descriptors() -> None:
     model = model_of(PointToPoint())
-    one, other = (frame_of(PointToPoint(), {POINT: 5}, seed=seed) for seed in (0, 1))
-    given = model(one, {POINT: other.point_descriptor})
-    torch.testing.assert_close(given, model(other))
-    assert (given - model(one)).abs().max() > 1e-5
+    graph, second_graph = (frame_of(PointToPoint(), {POINT: 5}, seed=seed) for seed in (0, 1))
+    scores = model(graph, {POINT: second_graph.point_descriptor})
+    torch.testing.assert_close(scores, model(second_graph))
+    assert (scores - model(graph)).abs().max() > 1e-5
 
 
 def test_control_errors_of_both_geometries() -> None:
@@ -114,44 +114,44 @@ def test_control_errors_of_both_geometries() -> None:
     [(PointToPoint(), (POINT,), "sift"), (LineToLine(), (LINE,), "lbd"), (PointToLine(), (POINT, LINE), "sift+lbd")],
     ids=["p2p", "l2l", "p2l"],
 )
-def test_it_names_its_extractors_in_the_order_of_the_roles(
+def test_descriptor_lists_extractors_in_order_of_roles(
     kernel: Kernel, types: tuple[NodeType, ...], descriptor: str
 ) -> None:
     model = model_of(kernel)
     assert model.node_types == types
     assert model.descriptor == descriptor
-    given = {kind: EXTRACTORS[kind] for kind in reversed(types)}
-    assert KernelModel(kernel, given, model.scorer).descriptor == descriptor
+    reversed_extractors = {node_type: EXTRACTORS[node_type] for node_type in reversed(types)}
+    assert KernelModel(kernel, reversed_extractors, model.scorer).descriptor == descriptor
 
 
 @pytest.mark.parametrize("extractors", [{}, {POINT: "sift"}, {LINE: "lbd"}])
-def test_a_type_without_an_extractor_is_refused(extractors: dict[NodeType, str]) -> None:
+def test_kernel_model_rejects_wrong_extractors(extractors: dict[NodeType, str]) -> None:
     with pytest.raises(ValueError, match=r"p2l has extractors for .*; expected .*point"):
         KernelModel(PointToLine(), extractors, model_of(PointToLine()).scorer)
 
 
-def test_the_state_dict_keeps_beta_and_every_score(tmp_path: Path) -> None:
+def test_state_dict_round_trip(tmp_path: Path) -> None:
     model = model_of(PointToPoint())
     assert model.beta.shape == model.spans.shape == (0,)
     model.set_reward_scale(torch.tensor([1, 2, 4]), torch.tensor([0.5, 0.25, 0.125]))
     torch.save(model.state_dict(), tmp_path / "weights.pt")
 
-    other = model_of(PointToPoint())
+    loaded = model_of(PointToPoint())
     with torch.no_grad():
-        for parameter in other.parameters():
+        for parameter in loaded.parameters():
             parameter.add_(torch.randn_like(parameter))
     graph = frame_of(PointToPoint(), {POINT: 5})
-    assert not torch.allclose(other(graph), model(graph))
+    assert not torch.allclose(loaded(graph), model(graph))
 
-    other.load_state_dict(torch.load(tmp_path / "weights.pt", weights_only=True))
-    assert other.beta.tolist() == [0.5, 0.25, 0.125]
-    assert other.spans.tolist() == [1, 2, 4]
-    assert torch.equal(other(graph), model(graph))
-    other.load_state_dict(model_of(PointToPoint()).state_dict())  # one that was never trained
-    assert other.beta.shape == other.spans.shape == (0,)
+    loaded.load_state_dict(torch.load(tmp_path / "weights.pt", weights_only=True))
+    assert loaded.beta.tolist() == [0.5, 0.25, 0.125]
+    assert loaded.spans.tolist() == [1, 2, 4]
+    assert torch.equal(loaded(graph), model(graph))
+    loaded.load_state_dict(model_of(PointToPoint()).state_dict())  # of an untrained model
+    assert loaded.beta.shape == loaded.spans.shape == (0,)
 
 
-def test_a_checkpoint_without_beta_is_refused() -> None:
+def test_load_state_dict_rejects_missing_beta() -> None:
     state = model_of(PointToPoint()).state_dict()
     del state["beta"]
     with pytest.raises(RuntimeError, match=r"Missing key.*beta"):
@@ -164,6 +164,6 @@ def test_beta_moves_with_the_model() -> None:
     assert model.to("meta").beta.is_meta
 
 
-def test_as_many_betas_as_spans_are_expected() -> None:
+def test_set_reward_scale_rejects_unequal_lengths() -> None:
     with pytest.raises(ValueError, match="2 values of beta for 1 spans"):
         model_of(PointToPoint()).set_reward_scale(torch.tensor([1]), torch.tensor([0.5, 0.25]))

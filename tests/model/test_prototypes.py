@@ -26,19 +26,19 @@ def features(count: int, dim: int = 6, seed: int = 0) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("motif", [P2P, P2L, TRIANGLE], ids=["p2p", "p2l", "triangle"])
-def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
+def test_prototype_scores_by_hand(motif: Motif) -> None:
     torch.manual_seed(0)
     scorer = PrototypeMixture(motif, prototypes=4, components=2).double()
-    scorer.fit_prototypes({kind: features(4, dim) for kind, dim in motif.descriptor_dims.items()})
-    given = {kind: features(5, dim, seed=1) for kind, dim in motif.descriptor_dims.items()}
+    scorer.fit_prototypes({node_type: features(4, dim) for node_type, dim in motif.descriptor_dims.items()})
+    given = {node_type: features(5, dim, seed=1) for node_type, dim in motif.descriptor_dims.items()}
     index = torch.tensor([[0, 1, 4], [1, 3, 0], [2, 4, 1]])[:, : len(motif.roles)].T
 
-    def likeness(role: int, component: int, feature: int) -> float:
-        kind = motif.roles[role]
-        prototypes, window = scorer.get_buffer(f"{kind}_prototypes"), scorer.get_buffer(f"{kind}_window")
+    def similarity(role: int, component: int, feature: int) -> float:
+        node_type = motif.roles[role]
+        prototypes, window = scorer.get_buffer(f"{node_type}_prototypes"), scorer.get_buffer(f"{node_type}_window")
         weights = scorer.weights[role].detach()[:, component]
         return sum(
-            math.exp(GAIN * float(weight) + float((given[kind][feature] @ prototype - 1) / window))
+            math.exp(GAIN * float(weight) + float((given[node_type][feature] @ prototype - 1) / window))
             for weight, prototype in zip(weights, prototypes, strict=True)
         )
 
@@ -46,7 +46,7 @@ def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
         SCALE
         * math.log(
             sum(
-                math.prod(likeness(role, component, instance[node]) for role, node in enumerate(order))
+                math.prod(similarity(role, component, instance[node]) for role, node in enumerate(order))
                 for order in motif.automorphisms
                 for component in range(2)
             )
@@ -57,56 +57,58 @@ def test_scores_equal_the_formula_written_out(motif: Motif) -> None:
 
 
 @pytest.mark.parametrize("motif", [P2P, P2L], ids=["p2p", "p2l"])
-@pytest.mark.parametrize("spread", [1.0, 30.0], ids=["as learned", "far apart"])
-def test_all_pairs_at_once_earn_what_each_earns_by_itself(motif: Motif, spread: float) -> None:
+@pytest.mark.parametrize("factor", [1.0, 30.0], ids=["as learned", "far apart"])
+def test_table_of_pairs_equals_scores_one_by_one(motif: Motif, factor: float) -> None:
     """In float32. With weights 30 times as far apart, a product of matrices would underflow and overflow."""
     torch.manual_seed(0)
     scorer = PrototypeMixture(motif, prototypes=12, components=3)
     with torch.no_grad():
         for weights in scorer.weights:
-            weights.mul_(spread).clamp_(-60 / GAIN, 60 / GAIN)
-    scorer.fit_prototypes({kind: features(12, dim).float() for kind, dim in motif.descriptor_dims.items()})
-    given = {kind: features(7, dim, seed=1).float().requires_grad_() for kind, dim in motif.descriptor_dims.items()}
+            weights.mul_(factor).clamp_(-60 / GAIN, 60 / GAIN)
+    scorer.fit_prototypes({node_type: features(12, dim).float() for node_type, dim in motif.descriptor_dims.items()})
+    given = {
+        node_type: features(7, dim, seed=1).float().requires_grad_() for node_type, dim in motif.descriptor_dims.items()
+    }
     index = torch.combinations(torch.arange(7)).T if motif is P2P else torch.cartesian_prod(*[torch.arange(7)] * 2).T
     wanted = [*given.values(), *scorer.parameters()]
     together, one_by_one = (
         [scores, *torch.autograd.grad(scores.square().mean().sqrt(), wanted)]
         for scores in (scorer(given, index), torch.cat([scorer(given, instance[:, None]) for instance in index.T]))
     )
-    for found, expected in zip(together, one_by_one, strict=True):
-        assert torch.isfinite(found).all()
-        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+    for result, expected in zip(together, one_by_one, strict=True):
+        assert torch.isfinite(result).all()
+        torch.testing.assert_close(result, expected, rtol=1e-4, atol=1e-5)
 
 
-def test_prototypes_are_features_of_the_demonstration_in_equal_shares() -> None:
+def test_fit_prototypes_takes_features_in_equal_shares() -> None:
     scorer = PrototypeMixture(P2P, prototypes=64).double()
-    given = features(16)
-    scorer.fit_prototypes({POINT: given})
-    nearest = (scorer.get_buffer("point_prototypes") @ given.T).max(dim=1)
+    demonstrated = features(16)
+    scorer.fit_prototypes({POINT: demonstrated})
+    nearest = (scorer.get_buffer("point_prototypes") @ demonstrated.T).max(dim=1)
     assert nearest.values.min() > 1 - 1e-12
     assert set(torch.bincount(nearest.indices, minlength=16).tolist()) <= {3, 4, 5}
 
 
 @pytest.mark.parametrize("prototypes", [1, 8])
-def test_a_single_feature_is_likeness_enough(prototypes: int) -> None:
+def test_fit_prototypes_with_a_single_feature(prototypes: int) -> None:
     scorer = PrototypeMixture(P2P, prototypes=prototypes).double()
     scorer.fit_prototypes({POINT: features(1)})
-    like, unlike = scorer({POINT: torch.cat([features(1), -features(1)])}, torch.tensor([[0, 1], [0, 1]]))
-    assert torch.isfinite(unlike)
-    assert like > unlike
+    similar, dissimilar = scorer({POINT: torch.cat([features(1), -features(1)])}, torch.tensor([[0, 1], [0, 1]]))
+    assert torch.isfinite(dissimilar)
+    assert similar > dissimilar
 
 
-def test_few_features_are_kept_more_than_once() -> None:
+def test_fit_prototypes_repeats_few_features() -> None:
     scorer = PrototypeMixture(P2P, prototypes=8).double()
     scorer.fit_prototypes({POINT: features(1)})
     torch.testing.assert_close(scorer.get_buffer("point_prototypes"), features(1).expand(8, -1), rtol=0, atol=0)
 
 
-def test_the_farther_from_the_demonstration_the_lower_the_score() -> None:
-    """However far: no plateau on which what is unknown is all the same."""
+def test_prototype_score_falls_with_distance() -> None:
+    """At any distance: there is no plateau on which all unknown features have the same score."""
     torch.manual_seed(0)
     scorer = PrototypeMixture(P2P, prototypes=8).double()
-    known = features(8).abs()  # like SIFT's, so that there is a direction away from all of them
+    known = features(8).abs()  # like SIFT's, so there is a direction away from all of them
     scorer.fit_prototypes({POINT: known})
     steps = torch.linspace(0, 1, 20, dtype=torch.float64)[:, None]
     path = normalize((1 - steps) * known[0] - steps * normalize(known.mean(dim=0), dim=0))
@@ -117,7 +119,7 @@ def test_the_farther_from_the_demonstration_the_lower_the_score() -> None:
     assert scores[-1] < scores[0] - 10 * SCALE
 
 
-def test_far_from_all_prototypes_there_is_still_a_gradient() -> None:
+def test_prototype_score_has_gradient_far_from_all_prototypes() -> None:
     """In float32, where the exponentials themselves are zero."""
     torch.manual_seed(0)
     scorer = PrototypeMixture(P2P, prototypes=8)
@@ -131,18 +133,18 @@ def test_far_from_all_prototypes_there_is_still_a_gradient() -> None:
     assert given.grad.abs().max() > 1
 
 
-def test_before_anything_is_remembered_all_instances_are_equal() -> None:
+def test_prototype_scores_are_equal_before_fit() -> None:
     scorer = PrototypeMixture(P2P, prototypes=8).double()
     scores = scorer({POINT: features(4)}, torch.combinations(torch.arange(4)).T)
     torch.testing.assert_close(scores, scores[:1].expand(6), rtol=0, atol=1e-9)
 
 
-def test_nothing_to_remember_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^no point to remember; expected the demonstration's features$"):
+def test_fit_prototypes_rejects_no_features() -> None:
+    with pytest.raises(ValueError, match=r"^no point descriptors; expected those of the demonstration's features$"):
         PrototypeMixture(P2P, prototypes=8).fit_prototypes({POINT: torch.zeros(0, 6)})
 
 
 @pytest.mark.parametrize(("name", "value"), [("prototypes", 0), ("components", -1)])
-def test_sizes_below_one_are_refused(name: str, value: int) -> None:
-    with pytest.raises(InputError, match=rf"^model\.{name}={value}: expected at least 1$"):
+def test_prototype_mixture_rejects_sizes_below_one(name: str, value: int) -> None:
+    with pytest.raises(InputError, match=rf"^{name}={value}: expected at least 1$"):
         PrototypeMixture(P2P, **({"prototypes": 4} | {name: value}))

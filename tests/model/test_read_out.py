@@ -12,17 +12,17 @@ from geoskill.model.scorer import Motif
 P2P = Motif.of(PointToPoint(), {NodeType.POINT: 6})
 
 
-def test_perceptron_is_the_mean_over_both_orders() -> None:
+def test_perceptron_read_out_is_the_mean_over_both_orders() -> None:
     torch.manual_seed(0)
     read_out = PerceptronReadOut(P2P, 4)
     a, b = torch.randn(2, 7, 4)
-    one_way, other_way = read_out.network(torch.cat([a, b], dim=1)), read_out.network(torch.cat([b, a], dim=1))
-    assert (one_way - other_way).abs().max() > 1e-2  # so the mean is needed
-    torch.testing.assert_close(read_out([a, b]), ((one_way + other_way) / 2)[:, 0])
+    forward, reversed_ = read_out.network(torch.cat([a, b], dim=1)), read_out.network(torch.cat([b, a], dim=1))
+    assert (forward - reversed_).abs().max() > 1e-2  # so the mean is needed
+    torch.testing.assert_close(read_out([a, b]), ((forward + reversed_) / 2)[:, 0])
     assert torch.equal(read_out([a, b]), read_out([b, a]))
 
 
-def test_product_written_out() -> None:
+def test_product_read_out_by_hand() -> None:
     torch.manual_seed(0)
     read_out = ProductReadOut(P2P, 4)
     a, b = torch.randn(2, 7, 4)
@@ -34,8 +34,8 @@ def test_product_written_out() -> None:
     torch.testing.assert_close(read_out([a, b]), read_out([b, a]))
 
 
-def test_a_node_that_the_product_does_not_know_lifts_nothing() -> None:
-    """With its states' u and v at zero, no partner gives it a score; the perceptron has no such states."""
+def test_product_read_out_is_zero_for_an_unknown_node() -> None:
+    """When u and v of a node are zero, no partner gives it a score; the perceptron has no such states."""
     torch.manual_seed(0)
     read_out = ProductReadOut(P2P, 4)
     for perceptron in (read_out.source, read_out.destination):
@@ -44,6 +44,6 @@ def test_a_node_that_the_product_does_not_know_lifts_nothing() -> None:
     assert read_out([torch.randn(7, 4), torch.zeros(7, 4)]).tolist() == [0.0] * 7
 
 
-def test_unknown_read_out_is_refused() -> None:
-    with pytest.raises(InputError, match=r"model.read_out=mean: expected perceptron or product"):
+def test_build_read_out_rejects_unknown_name() -> None:
+    with pytest.raises(InputError, match=r"^read_out=mean: expected perceptron or product"):
         build_read_out("mean", P2P, 4)

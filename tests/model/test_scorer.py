@@ -1,6 +1,9 @@
-"""What every network that scores instances promises."""
+"""The contract of every network that scores instances."""
 
+import importlib
+import inspect
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import torch
@@ -8,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+import geoskill.model.scorer
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.l2l import LineToLine
@@ -44,8 +48,8 @@ def case(scorer: str, motif: str, seed: int = 0) -> tuple[InstanceScorer, dict[N
     torch.manual_seed(seed)
     network = SCORERS[scorer](MOTIFS[motif]).double()
     descriptors = {
-        kind: torch.nn.functional.normalize(torch.randn(FEATURES, dim, dtype=torch.float64))
-        for kind, dim in MOTIFS[motif].descriptor_dims.items()
+        node_type: torch.nn.functional.normalize(torch.randn(FEATURES, dim, dtype=torch.float64))
+        for node_type, dim in MOTIFS[motif].descriptor_dims.items()
     }
     return network, descriptors
 
@@ -55,17 +59,29 @@ def some_instances(motif: str, count: int = 20) -> Tensor:
     return torch.randint(FEATURES, (len(MOTIFS[motif].roles), count), generator=generator)
 
 
-def test_a_motif_is_read_off_a_kernel() -> None:
+def test_motif_of_kernel() -> None:
     kernel: Kernel = PointToPoint()
     motif = Motif.of(kernel, {POINT: 128})
     assert motif == Motif((POINT, POINT), ((0, 1), (1, 0)), ((0, 1), (1, 0)), {POINT: 128})
+
+
+def test_scorer_names_are_those_of_their_files() -> None:
+    names = {}
+    for path in Path(geoskill.model.scorer.__file__).parent.glob("*.py"):
+        module = importlib.import_module(f"geoskill.model.{path.stem}")
+        for value in vars(module).values():
+            is_own_class = inspect.isclass(value) and value.__module__ == module.__name__
+            if is_own_class and issubclass(value, InstanceScorer) and value is not InstanceScorer:
+                assert getattr(value, "__final__", False)
+                names[path.stem] = value.name
+    assert names == {name: name for name in ("bilinear", "message_passing", "prototypes")}
 
 
 @every_scorer
 @every_motif
 @settings(max_examples=15, deadline=None)
 @given(data=st.data())
-def test_the_order_of_like_nodes_does_not_matter(scorer: str, motif: str, data: st.DataObject) -> None:
+def test_scores_are_invariant_under_automorphisms(scorer: str, motif: str, data: st.DataObject) -> None:
     network, descriptors = case(scorer, motif)
     roles = MOTIFS[motif].roles
     instance = st.tuples(*[st.integers(0, FEATURES - 1)] * len(roles))
@@ -76,8 +92,8 @@ def test_the_order_of_like_nodes_does_not_matter(scorer: str, motif: str, data: 
 
 
 @every_scorer
-def test_nodes_that_the_motif_tells_apart_may_not_be_exchanged(scorer: str) -> None:
-    """The middle of a path is not its end: a score that ignored the order altogether would fail here."""
+def test_scores_depend_on_the_order_of_distinct_nodes(scorer: str) -> None:
+    """The middle of a path differs from its ends, so a score that ignored the order would fail here."""
     network, descriptors = case(scorer, "path")
     index = some_instances("path")
     different = (network(descriptors, index) - network(descriptors, index[[1, 0, 2]])).abs()
@@ -88,7 +104,7 @@ def test_nodes_that_the_motif_tells_apart_may_not_be_exchanged(scorer: str) -> N
 @every_motif
 @settings(max_examples=10, deadline=None)
 @given(order=st.permutations(range(20)))
-def test_the_order_of_instances_orders_the_scores(scorer: str, motif: str, order: list[int]) -> None:
+def test_scores_follow_the_order_of_instances(scorer: str, motif: str, order: list[int]) -> None:
     network, descriptors = case(scorer, motif)
     index = some_instances(motif)
     expected = network(descriptors, index)[order]
@@ -97,11 +113,11 @@ def test_the_order_of_instances_orders_the_scores(scorer: str, motif: str, order
 
 @every_scorer
 @every_motif
-def test_the_order_of_features_does_not_matter(scorer: str, motif: str) -> None:
+def test_scores_are_invariant_under_permutation_of_features(scorer: str, motif: str) -> None:
     network, descriptors = case(scorer, motif)
     index = some_instances(motif)
     order = torch.randperm(FEATURES)
-    shuffled = {kind: x[order] for kind, x in descriptors.items()}
+    shuffled = {node_type: x[order] for node_type, x in descriptors.items()}
     torch.testing.assert_close(
         network(shuffled, torch.argsort(order)[index]), network(descriptors, index), rtol=0, atol=1e-12
     )
@@ -109,20 +125,22 @@ def test_the_order_of_features_does_not_matter(scorer: str, motif: str) -> None:
 
 @every_scorer
 @every_motif
-def test_an_instance_is_scored_by_its_own_features_only(scorer: str, motif: str) -> None:
+def test_scores_depend_on_own_features_only(scorer: str, motif: str) -> None:
     network, descriptors = case(scorer, motif)
     index = some_instances(motif)
     wanted = [x.requires_grad_() for x in descriptors.values()]
     for number in (0, 7):
         gradients = torch.autograd.grad(network(descriptors, index)[number], wanted)
-        for kind, gradient in zip(descriptors, gradients, strict=True):
-            own = {int(row[number]) for role, row in zip(MOTIFS[motif].roles, index, strict=True) if role is kind}
-            assert {int(feature) for feature in gradient.abs().sum(dim=1).nonzero()} == own
+        for node_type, gradient in zip(descriptors, gradients, strict=True):
+            own_features = {
+                int(row[number]) for role, row in zip(MOTIFS[motif].roles, index, strict=True) if role is node_type
+            }
+            assert {int(feature) for feature in gradient.abs().sum(dim=1).nonzero()} == own_features
 
 
 @every_scorer
 @every_motif
-def test_the_gradient_reaches_every_parameter(scorer: str, motif: str) -> None:
+def test_gradient_reaches_every_parameter(scorer: str, motif: str) -> None:
     network, descriptors = case(scorer, motif)
     scores = network(descriptors, some_instances(motif))
     (scores @ torch.randn_like(scores)).backward()
@@ -134,8 +152,8 @@ def test_the_gradient_reaches_every_parameter(scorer: str, motif: str) -> None:
 
 @every_scorer
 @every_motif
-def test_no_instance_gives_no_score(scorer: str, motif: str) -> None:
+def test_scores_of_no_instance(scorer: str, motif: str) -> None:
     network, descriptors = case(scorer, motif)
     assert network(descriptors, some_instances(motif, count=0)).shape == (0,)
-    no_features = {kind: x[:0] for kind, x in descriptors.items()}
+    no_features = {node_type: x[:0] for node_type, x in descriptors.items()}
     assert network(no_features, some_instances(motif, count=0)).shape == (0,)

@@ -8,15 +8,17 @@ import pytest
 import torch
 from torch import Tensor
 
+from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
-from geoskill.objective.inmaxent import FrameSelection, ObjectiveSettings, transition_objective
+from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
+from geoskill.schema import as_written
 
 
-def without_goal(**values: Any) -> ObjectiveSettings:
+def without_goal(**values: Any) -> ObjectiveConfig:
     """The paper's objective, which has no goal term."""
-    return ObjectiveSettings(goal_weight=0.0, **values)
+    return ObjectiveConfig(goal_weight=0.0, **values)
 
 
 def two_frames(
@@ -43,7 +45,7 @@ def likelihood(change: float, beta: float, sigma0: float) -> float:
 
 
 def test_tracked_objective_by_hand() -> None:
-    settings = without_goal(alternatives=1, rsw_weight=0.2)
+    settings = without_goal(top_k=1, rsw_weight=0.2)
     value = transition_objective(settings, 0.6, FIRST, SECOND)
     changes = [-2.5, 0.5, -3.0, -0.5]
     assert float(value.reward) == pytest.approx(sum(-math.tanh(0.3 * c) for c in changes) / 4)
@@ -53,12 +55,12 @@ def test_tracked_objective_by_hand() -> None:
     assert float(value.objective) == pytest.approx(expected, abs=1e-12)
 
 
-def test_the_goal_counts_with_its_weight() -> None:
+def test_goal_term_by_hand() -> None:
     """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
-    settings = ObjectiveSettings(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
+    settings = ObjectiveConfig(goal_weight=0.5, goal_temperature=0.1, goal_scale=200.0)
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
@@ -73,9 +75,9 @@ def test_the_goal_counts_with_its_weight() -> None:
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_a_goal_that_counts_needs_arrivals() -> None:
-    with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for .*goal_weight=1\.0"):
-        transition_objective(ObjectiveSettings(), 0.6, FIRST, SECOND)
+def test_objective_with_goal_rejects_selections_without_progress() -> None:
+    with pytest.raises(ValueError, match=r"without goal_progress or scores; expected both for goal_weight=1\.0$"):
+        transition_objective(ObjectiveConfig(), 0.6, FIRST, SECOND)
     with pytest.raises(ValueError, match="goal_progress has 2 rows for 4 instances; expected as many"):
         replace(FIRST, goal_progress=torch.zeros(2, dtype=torch.float64))
 
@@ -113,12 +115,12 @@ def test_objective_rises_with_the_weight_of_an_approaching_instance() -> None:
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
 
-def test_regularizer_alone_sharpens_the_selection() -> None:
+def test_rsw_alone_sharpens_the_selection() -> None:
     scores = torch.tensor([1.0, 0.0, -1.0], dtype=torch.float64, requires_grad=True)
     batch = torch.zeros(3, dtype=torch.long)
     zero = torch.zeros(3, dtype=torch.float64)
     frames = FrameSelection(select_out(scores, batch, 1), zero[:, None], zero, batch, 1)
-    transition_objective(without_goal(alternatives=1), 1.0, frames, frames).objective.backward()
+    transition_objective(without_goal(top_k=1), 1.0, frames, frames).objective.backward()
     assert scores.grad is not None
     assert float(scores.grad[0]) > 0 > float(scores.grad[1])
 
@@ -145,16 +147,16 @@ def ragged(counts: list[int], seed: int) -> FrameSelection:
 
 
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
-def test_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
+def test_objective_of_a_batch_is_the_mean_of_its_transitions(reward: Any) -> None:
     first, second = ragged([3, 0, 7, 1, 0], seed=0), ragged([2, 5, 4, 0, 0], seed=1)
-    settings = without_goal(reward=reward, alternatives=2)
+    settings = without_goal(reward=reward, top_k=2)
     batched = transition_objective(settings, 0.4, first, second)
     single = [transition_objective(settings, 0.4, one_by_one(first, i), one_by_one(second, i)) for i in range(5)]
     for key in ("objective", "reward", "rsw", "error"):
         torch.testing.assert_close(getattr(batched, key), torch.stack([getattr(v, key) for v in single]).mean())
 
 
-def test_an_empty_frame_is_no_approach() -> None:
+def test_frame_objective_of_an_empty_frame() -> None:
     first, second = ragged([3], seed=0), ragged([0], seed=1)
     value = transition_objective(without_goal(reward="frame"), 0.4, first, second)
     assert float(value.reward) == 0.0
@@ -174,8 +176,8 @@ def test_monte_carlo_objective_approaches_the_exact_one_and_repeats_with_the_see
 
 @pytest.mark.parametrize("reward", ["tracked", "frame"])
 @pytest.mark.parametrize("error_reduction", ["norm", "vector"])
-def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any) -> None:
-    settings = without_goal(reward=reward, error_reduction=error_reduction, alternatives=2)
+def test_objective_gradients(reward: Any, error_reduction: Any) -> None:
+    settings = without_goal(reward=reward, error_reduction=error_reduction, top_k=2)
     template = ragged([3, 4], seed=3), ragged([5, 2], seed=4)
 
     def objective(first_scores: Tensor, second_scores: Tensor) -> Tensor:
@@ -190,7 +192,7 @@ def test_gradients_through_the_whole_objective(reward: Any, error_reduction: Any
     assert torch.autograd.gradcheck(objective, scores)
 
 
-def test_float32_is_kept() -> None:
+def test_objective_keeps_float32() -> None:
     frames = ragged([3, 2], seed=0)
     single = FrameSelection(
         frames.select_out.float(), frames.errors.float(), frames.change.float(), frames.batch, frames.num_frames
@@ -202,9 +204,9 @@ def test_float32_is_kept() -> None:
         assert value.objective.shape == ()
 
 
-def test_defaults_are_the_settled_ones() -> None:
-    settings = ObjectiveSettings()
-    assert (settings.sigma0, settings.rsw_weight, settings.alternatives, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
+def test_objective_settings_defaults() -> None:
+    settings = ObjectiveConfig()
+    assert (settings.sigma0, settings.rsw_weight, settings.top_k, settings.beta_scale) == (0.55, 0.1, 10, 1.5)
     assert (settings.goal_weight, settings.goal_temperature, settings.goal_scale) == (1.0, 0.1, 200.0)
     assert (settings.reward, settings.error_reduction, settings.partition) == ("tracked", "norm", "exact")
 
@@ -213,41 +215,41 @@ def test_defaults_are_the_settled_ones() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "expected"),
     [
-        ("sigma0", 0.0, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", 5e3, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", math.nan, "a standard deviation from 0.001 to 1000"),
-        ("sigma0", "wide", "a standard deviation from 0.001 to 1000"),
-        ("sigma0", None, "a standard deviation from 0.001 to 1000"),
-        ("rsw_weight", -0.1, "a number that is not negative"),
-        ("rsw_weight", math.inf, "a number that is not negative"),
-        ("alternatives", 0, "a whole number of at least 1"),
-        ("alternatives", 2.5, "a whole number of at least 1"),
-        ("alternatives", True, "a whole number of at least 1"),
+        ("sigma0", 0.0, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", 5e3, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", math.nan, "a number of at least 0.001 and at most 1000"),
+        ("sigma0", "wide", "a number of at least 0.001 and at most 1000"),
+        ("sigma0", None, "a number of at least 0.001 and at most 1000"),
+        ("rsw_weight", -0.1, "a number of at least 0"),
+        ("rsw_weight", math.inf, "a number of at least 0"),
+        ("top_k", 0, "a whole number of at least 1"),
+        ("top_k", 2.5, "a whole number of at least 1"),
+        ("top_k", True, "a whole number of at least 1"),
         ("value_samples", 0, "a whole number of at least 1"),
         ("gradient_samples", -3, "a whole number of at least 1"),
-        ("beta_scale", 0.0, "a positive number"),
-        ("beta_scale", math.nan, "a positive number"),
-        ("goal_weight", -1.0, "a number that is not negative"),
-        ("goal_temperature", 0.0, "a positive number"),
-        ("goal_temperature", [0.1], "a positive number"),
-        ("goal_scale", math.inf, "a positive number"),
-        ("reward", "both", "one of tracked, frame"),
-        ("error_reduction", "sum", "one of norm, vector"),
-        ("partition", "closed", "one of exact, monte_carlo"),
-        ("partition", ["exact"], "one of exact, monte_carlo"),
+        ("beta_scale", 0.0, "a number above 0"),
+        ("beta_scale", math.nan, "a number above 0"),
+        ("goal_weight", -1.0, "a number of at least 0"),
+        ("goal_temperature", 0.0, "a number above 0"),
+        ("goal_temperature", [0.1], "a number above 0"),
+        ("goal_scale", math.inf, "a number above 0"),
+        ("reward", "both", "tracked or frame"),
+        ("error_reduction", "sum", "norm or vector"),
+        ("partition", "closed", "exact or monte_carlo"),
+        ("partition", ["exact"], "exact or monte_carlo"),
     ],
 )
-def test_bad_settings_name_the_key_the_value_and_what_was_expected(key: str, value: Any, expected: str) -> None:
+def test_objective_settings_reject_bad_values(key: str, value: Any, expected: str) -> None:
     with pytest.raises(InputError) as error:
-        ObjectiveSettings(**{key: value})
-    assert str(error.value) == f"objective.{key} is {value!r}; expected {expected}"
+        ObjectiveConfig(**{key: value})
+    assert str(error.value) == f"{key}={as_written(value)}: expected {expected}"
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_selections_that_do_not_fit_are_refused() -> None:
+def test_frame_selection_rejects_wrong_lengths() -> None:
     with pytest.raises(ValueError, match=r"\(1, 1, 2, 1\) rows; expected the same number"):
         FrameSelection(torch.ones(1), torch.ones(1, 2), torch.ones(2), torch.zeros(1, dtype=torch.long), 1)
-    with pytest.raises(ValueError, match="0 frames; expected at least one"):
+    with pytest.raises(ValueError, match="num_frames=0: expected at least 1"):
         FrameSelection(torch.ones(0), torch.ones(0, 2), torch.ones(0), torch.zeros(0, dtype=torch.long), 0)
     with pytest.raises(ValueError, match="2 earlier and 1 later frames"):
         transition_objective(without_goal(), 1.0, FIRST, one_by_one(SECOND, 0))

@@ -1,4 +1,4 @@
-"""The partition function: METHOD's table, quadrature as an independent reference, extremes, Monte Carlo."""
+"""The partition function: the table of docs/method.md, quadrature as a reference, extremes, Monte Carlo."""
 
 import math
 
@@ -81,22 +81,22 @@ def test_likelihood_at_the_ends_of_the_table(sigma0: float, lowest: float, highe
         (2.0, 0.922, 0.928, 3),
     ],
 )
-def test_slopes_of_the_table(sigma0: float, least: float, most: float, least_digits: int) -> None:
-    # The table's figures are those of nine evenly spaced rewards; see the next test.
+def test_likelihood_slopes_of_the_table(sigma0: float, least: float, most: float, least_digits: int) -> None:
+    # The table has the slopes at nine evenly spaced rewards; see the next test.
     _, slope = likelihood(torch.linspace(-0.999, 0.999, 9, dtype=torch.float64).tolist(), sigma0)
     assert round(float(slope.min()), least_digits) == least
     assert round(float(slope.max()), 3) == most
 
 
 @pytest.mark.parametrize(("sigma0", "least"), [(0.3, 0.010606), (0.55, 0.302876), (1.0, 0.712546)])
-def test_least_slope_of_all_rewards_lies_below_the_table(sigma0: float, least: float) -> None:
+def test_likelihood_least_slope_of_all_rewards(sigma0: float, least: float) -> None:
     # from the closed form in 40-digit arithmetic, on a grid of 0.004
     _, slope = likelihood(torch.linspace(-1, 1, 501, dtype=torch.float64).tolist(), sigma0)
     assert float(slope.min()) == pytest.approx(least, abs=2e-6)
 
 
 @pytest.mark.parametrize("sigma0", ALL_SIGMAS)
-def test_closed_form_agrees_with_quadrature(sigma0: float) -> None:
+def test_log_partition_agrees_with_quadrature(sigma0: float) -> None:
     reference = [by_quadrature(r, sigma0) for r in REWARDS]
     expected_value = torch.tensor([value for value, _ in reference], dtype=torch.float64)
     expected_slope = torch.tensor([slope for _, slope in reference], dtype=torch.float64)
@@ -107,7 +107,7 @@ def test_closed_form_agrees_with_quadrature(sigma0: float) -> None:
 
 
 @pytest.mark.parametrize("sigma0", ALL_SIGMAS)
-def test_float32_agrees_with_float64(sigma0: float) -> None:
+def test_log_partition_float32_agrees_with_float64(sigma0: float) -> None:
     rewards = torch.tensor(REWARDS).tolist()  # the same rounded rewards for both
     value, slope = value_and_slope(rewards, sigma0, torch.float32)
     expected_value, expected_slope = value_and_slope(rewards, sigma0, torch.float64)
@@ -117,7 +117,7 @@ def test_float32_agrees_with_float64(sigma0: float) -> None:
 
 
 @pytest.mark.parametrize("sigma0", [0.2, 0.55, 1.0, 1.3, 3.0])
-def test_first_and_second_gradient_agree_with_finite_differences(sigma0: float) -> None:
+def test_log_partition_gradients(sigma0: float) -> None:
     # the branches meet at r = 1 - sigma0²
     rewards = torch.tensor([-0.95, -0.2, 0.4, 0.99], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda r: log_partition(r, sigma0), (rewards,))
@@ -125,7 +125,7 @@ def test_first_and_second_gradient_agree_with_finite_differences(sigma0: float) 
 
 
 @pytest.mark.parametrize("sigma0", ALL_SIGMAS)
-def test_second_gradient_is_finite_although_the_other_branch_overflows(sigma0: float) -> None:
+def test_log_partition_second_gradient_is_finite(sigma0: float) -> None:
     rewards = torch.tensor(REWARDS, requires_grad=True)
     (slope,) = torch.autograd.grad(log_partition(rewards, sigma0).sum(), rewards, create_graph=True)
     (curvature,) = torch.autograd.grad(slope.sum(), rewards)
@@ -133,7 +133,7 @@ def test_second_gradient_is_finite_although_the_other_branch_overflows(sigma0: f
 
 
 @pytest.mark.parametrize("sigma0", [0.3, 0.55, 1.0, 1.4])
-def test_the_two_branches_meet(sigma0: float) -> None:
+def test_log_partition_branches_meet(sigma0: float) -> None:
     seam = 1 - sigma0**2
     value, slope = value_and_slope([seam - 1e-9, seam + 1e-9], sigma0, torch.float64)
     assert float(value[1] - value[0]) == pytest.approx(2e-9 * float(slope[0]), abs=1e-14)
@@ -152,13 +152,13 @@ def test_likelihood_is_strictly_increasing(low: float, gap: float, sigma0: float
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-1, 1, width=32), st.floats(*SIGMA0_RANGE))
-def test_every_reward_and_sigma0_is_finite_and_within_bounds_in_float32(reward: float, sigma0: float) -> None:
+def test_log_partition_is_finite_and_bounded_in_float32(reward: float, sigma0: float) -> None:
     value, slope = value_and_slope([reward], sigma0, torch.float32)
     assert -1 <= float(value) <= 1, "Z is a mean of exp(x) over [-1, 1]"
     assert bool(slope.isfinite().all())
 
 
-def test_limits_of_sigma0() -> None:
+def test_log_partition_limits_of_sigma0() -> None:
     rewards = [-0.5, 0.0, 0.5]
     narrow, _ = likelihood(rewards, 0.001)
     torch.testing.assert_close(narrow, torch.full_like(narrow, -(0.0005**2) * 2), rtol=1e-6, atol=0)
@@ -166,7 +166,7 @@ def test_limits_of_sigma0() -> None:
     torch.testing.assert_close(wide, torch.full_like(wide, math.log(math.sinh(1))), rtol=0, atol=1e-6)
 
 
-def test_shape_and_dtype_are_kept_and_half_precision_works() -> None:
+def test_log_partition_shape_and_dtype() -> None:
     rewards = torch.linspace(-1, 1, 6).reshape(2, 3)
     assert log_partition(rewards, 0.55).shape == (2, 3)
     half = log_partition(rewards.bfloat16(), 0.55)
@@ -175,19 +175,19 @@ def test_shape_and_dtype_are_kept_and_half_precision_works() -> None:
 
 
 @pytest.mark.parametrize("sigma0", [0.0, -0.55, 1e-4, 2e3, math.nan, math.inf])
-def test_unusable_sigma0_is_refused(sigma0: float) -> None:
+def test_sigma0_outside_its_range_is_rejected(sigma0: float) -> None:
     rewards = torch.zeros(1)
     for call in (
         lambda: log_partition(rewards, sigma0),
         lambda: sample_truncated_normal(rewards, sigma0, 3),
         lambda: confidence_from_sigma0(sigma0),
     ):
-        with pytest.raises(InputError, match=r"sigma0 is .*; expected a standard deviation from 0\.001 to 1000"):
+        with pytest.raises(InputError, match=r"^sigma0=.*: expected a standard deviation from 0\.001 to 1000"):
             call()
 
 
 @pytest.mark.parametrize(("reward", "sigma0"), [(0.0, 0.55), (1.0, 0.55), (-0.8, 0.05), (0.5, 30.0)])
-def test_samples_have_the_moments_and_the_support_of_the_truncated_normal(reward: float, sigma0: float) -> None:
+def test_truncated_normal_samples_moments_and_support(reward: float, sigma0: float) -> None:
     count = 20000
     generator = torch.Generator().manual_seed(0)
     samples = sample_truncated_normal(torch.tensor([reward], dtype=torch.float64), sigma0, count, generator)
@@ -199,7 +199,7 @@ def test_samples_have_the_moments_and_the_support_of_the_truncated_normal(reward
 
 
 @pytest.mark.parametrize("sigma0", EXTREME_SIGMAS)
-def test_samples_stay_inside_at_extreme_sigmas_in_float32(sigma0: float) -> None:
+def test_truncated_normal_samples_at_extreme_sigmas_in_float32(sigma0: float) -> None:
     generator = torch.Generator().manual_seed(0)
     samples = sample_truncated_normal(torch.tensor(REWARDS), sigma0, 5000, generator)
     assert samples.dtype == torch.float32
@@ -227,7 +227,7 @@ def test_monte_carlo_agrees_with_the_closed_form_within_its_standard_error(basel
 
 
 @pytest.mark.parametrize(("count", "least", "most"), [(10, 0.33, 0.71), (100, 0.10, 0.22), (1000, 0.03, 0.07)])
-def test_rmse_of_the_sampled_slope_and_what_the_baseline_saves(count: int, least: float, most: float) -> None:
+def test_monte_carlo_slope_rmse_with_and_without_baseline(count: int, least: float, most: float) -> None:
     rewards = [-0.9, -0.5, 0.0, 0.5, 0.9]
     _, exact = value_and_slope(rewards, 0.55, torch.float64)
     rmse, rmse_with_baseline = (
@@ -279,11 +279,11 @@ def test_more_confidence_means_a_smaller_sigma0() -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -0.2, 1.5, math.nan])
-def test_confidence_outside_its_range_is_refused(alpha: float) -> None:
-    with pytest.raises(InputError, match=r"confidence alpha is .*; expected a number between 0 and 1"):
+def test_confidence_outside_its_range_is_rejected(alpha: float) -> None:
+    with pytest.raises(InputError, match=r"^alpha=.*: expected a number between 0 and 1"):
         sigma0_from_confidence(alpha)
 
 
-def test_vanishing_confidence_is_refused() -> None:
-    with pytest.raises(InputError, match=r"confidence alpha is 1e-05; expected at least 0\.0008"):
+def test_vanishing_confidence_is_rejected() -> None:
+    with pytest.raises(InputError, match=r"^alpha=1e-05: expected at least 0\.0008"):
         sigma0_from_confidence(1e-5)

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from geoskill.errors import InputError
 from geoskill.objective.reward import (
-    ErrorReduction,
     beta_from_changes,
     error_change,
     overall_error,
@@ -53,7 +52,7 @@ def test_overall_error_of_ragged_frames() -> None:
 
 
 @pytest.mark.parametrize("reduction", ["norm", "vector"])
-def test_overall_error_of_a_batch_equals_the_frames_one_by_one(reduction: ErrorReduction) -> None:
+def test_overall_error_of_a_batch_equals_the_frames_one_by_one(reduction: str) -> None:
     generator = torch.Generator().manual_seed(0)
     batch = torch.arange(7).repeat_interleave(torch.tensor([3, 0, 5, 1, 0, 8, 2]))
     weights, errors = torch.rand(19, generator=generator), torch.randn(19, 2, generator=generator)
@@ -65,7 +64,7 @@ def test_overall_error_of_a_batch_equals_the_frames_one_by_one(reduction: ErrorR
 
 
 @pytest.mark.parametrize("reduction", ["norm", "vector"])
-def test_overall_error_has_a_finite_gradient_where_errors_vanish(reduction: ErrorReduction) -> None:
+def test_overall_error_has_a_finite_gradient_where_errors_vanish(reduction: str) -> None:
     weights, errors = SELECT_OUT.clone().requires_grad_(), torch.zeros(6, 2, requires_grad=True)
     overall_error(weights, errors, BATCH, FRAMES, reduction).sum().backward()
     assert weights.grad is not None
@@ -75,12 +74,12 @@ def test_overall_error_has_a_finite_gradient_where_errors_vanish(reduction: Erro
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_unknown_reduction_is_refused() -> None:
-    with pytest.raises(InputError, match="error_reduction is 'sum'; expected one of norm, vector"):
+def test_overall_error_rejects_unknown_reduction() -> None:
+    with pytest.raises(InputError, match=r"^reduction=sum: expected one of norm, vector$"):
         overall_error(SELECT_OUT, torch.zeros(6, 2), BATCH, FRAMES, "sum")  # type: ignore[arg-type]
 
 
-def test_gradients() -> None:
+def test_reward_and_error_gradients() -> None:
     generator = torch.Generator().manual_seed(0)
     weights = torch.rand(6, generator=generator, dtype=torch.float64, requires_grad=True)
     change = torch.randn(6, generator=generator, dtype=torch.float64, requires_grad=True)
@@ -103,7 +102,7 @@ def moving(changes: list[float], resolution: float = 1.0) -> tuple[Tensor, Tenso
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ([0.5, -2.0, 4.0, 0.0], 1.5 / 3),  # an even number of movers: the mean of the middle two
+        ([0.5, -2.0, 4.0, 0.0], 1.5 / 3),  # an even number of moving instances: the mean of the middle two
         ([-2.0, 100.0, 3.0, 0.1, -0.9], 1.5 / 3),  # an odd number
         ([1.0, -1.0, 1.5], 1.0),  # 1 px exactly is not a move
         ([0.2, -0.9], 0.0),  # nothing moves: no reward
@@ -118,7 +117,7 @@ def test_beta_with_another_scale() -> None:
     assert float(beta_from_changes(*moving([0.25, 0.5, -0.75], 0.3), scale=3.0)) == pytest.approx(3.0 / 0.625)
 
 
-def test_the_median_mover_earns_tanh_of_half_the_scale() -> None:
+def test_beta_makes_the_median_change_earn_tanh_of_half_the_scale() -> None:
     changes, moves = moving([-2.0, -7.0, -30.0])
     assert float(reward(changes, beta_from_changes(changes, moves))[1]) == pytest.approx(math.tanh(0.75))
 
@@ -139,12 +138,12 @@ def test_relative_change_is_bounded_antisymmetric_and_without_unit(before: float
     torch.testing.assert_close(scaled, change)
 
 
-def test_relative_change_prefers_the_one_that_arrives() -> None:
-    arrives, follows = error_change(torch.tensor([100.0, 150.0]), torch.tensor([10.0, 60.0]), "relative", 1.0)
-    assert float(arrives) == pytest.approx(-90 / 114)
-    assert float(follows) == pytest.approx(-90 / 214)
+def test_relative_change_is_larger_for_a_smaller_final_error() -> None:
+    near, far = error_change(torch.tensor([100.0, 150.0]), torch.tensor([10.0, 60.0]), "relative", 1.0)
+    assert float(near) == pytest.approx(-90 / 114)
+    assert float(far) == pytest.approx(-90 / 214)
 
 
-def test_unknown_change_is_refused(annotations_unchecked: None) -> None:
-    with pytest.raises(InputError, match=r"objective.change is 'log'; expected one of relative, absolute"):
+def test_error_change_rejects_unknown_change(annotations_unchecked: None) -> None:
+    with pytest.raises(InputError, match=r"^change=log: expected one of relative, absolute$"):
         error_change(torch.ones(1), torch.ones(1), "log", 1.0)  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from geoskill.simulation.conditions import Conditions
+from geoskill.config import ScenarioConfig
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.scene import RecordingSettings, record
 from geoskill.simulation.tasks.task import Task
@@ -34,7 +34,9 @@ def recorded(opengl: None, task_named: Callable[[str], Task]) -> Recorded:
     """
 
     @cache
-    def render(task: str, episode: str, seed: int = 0, stride: int = 32, actor: str = "human", **difficulties: Any) -> Recording:
-        return record(RecordingSettings(task_named(task), Conditions(actor, **difficulties), seed, episode, stride))
+    def render(
+        task: str, episode: str, seed: int = 0, stride: int = 32, actor: str = "human", **difficulties: Any
+    ) -> Recording:
+        return record(RecordingSettings(task_named(task), ScenarioConfig(actor, **difficulties), seed, episode, stride))
 
     return render

@@ -1,4 +1,4 @@
-"""Recordings as files: what goes in comes out."""
+"""Recordings: packing, decoding, and ground truth per pixel."""
 
 import io
 from dataclasses import replace
@@ -6,28 +6,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geoskill.simulation.recording import Recording, as_png, pack, unpack
+from geoskill.simulation.recording import Recording, encode_png, pack, unpack
 
 
-def assert_equal(found: Recording, expected: Recording) -> None:
-    for name in ("pictures", "shown", "depths"):
-        assert getattr(found, name) == getattr(expected, name)
-    assert (list(found.bodies), found.roles) == (list(expected.bodies), expected.roles)
-    for name in ("poses", "camera"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), strict=True)
-    lens, by_hand = found.lens, expected.lens
-    assert (lens.width, lens.height, lens.focal_px) == (by_hand.width, by_hand.height, by_hand.focal_px)
-    assert (found.cloth is None) == (expected.cloth is None)
-    if found.cloth is not None and expected.cloth is not None:
-        assert found.cloth.name == expected.cloth.name
+def assert_equal(actual: Recording, expected: Recording) -> None:
+    for name in ("pictures", "segmentations", "depths"):
+        assert getattr(actual, name) == getattr(expected, name)
+    assert (list(actual.bodies), actual.roles) == (list(expected.bodies), expected.roles)
+    for name in ("poses", "camera_poses"):
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), strict=True)
+    for name in ("width", "height", "focal_px"):
+        assert getattr(actual.intrinsics, name) == getattr(expected.intrinsics, name)
+    assert (actual.cloth is None) == (expected.cloth is None)
+    if actual.cloth is not None and expected.cloth is not None:
+        assert actual.cloth.name == expected.cloth.name
         for name in ("rest", "triangles", "vertices"):
-            np.testing.assert_array_equal(getattr(found.cloth, name), getattr(expected.cloth, name), strict=True)
+            np.testing.assert_array_equal(getattr(actual.cloth, name), getattr(expected.cloth, name), strict=True)
 
 
-@pytest.mark.parametrize("kind", ["hand_made_recording", "folded_cloth"])
-def test_packed_stored_and_unpacked_it_is_the_same(kind: str, request: pytest.FixtureRequest) -> None:
-    recording: Recording = request.getfixturevalue(kind)
-    # Files of several lengths: where one ends the next begins.
+@pytest.mark.parametrize("fixture", ["hand_made_recording", "folded_cloth"])
+def test_pack_store_and_unpack_give_the_same_recording(fixture: str, request: pytest.FixtureRequest) -> None:
+    recording: Recording = request.getfixturevalue(fixture)
+    # Files of different lengths test where one ends and the next begins.
     recording = replace(recording, pictures=[recording.pictures[0], recording.pictures[1] + b"more"])
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **pack(recording))
@@ -36,7 +36,7 @@ def test_packed_stored_and_unpacked_it_is_the_same(kind: str, request: pytest.Fi
         assert_equal(unpack(stored), recording)
 
 
-def test_arrays_of_something_else_do_not_unpack(hand_made_recording: Recording) -> None:
+def test_unpack_refuses_missing_arrays_and_unknown_roles(hand_made_recording: Recording) -> None:
     arrays = pack(hand_made_recording)
     with pytest.raises(KeyError):
         unpack({name: array for name, array in arrays.items() if name != "roles"})
@@ -44,37 +44,37 @@ def test_arrays_of_something_else_do_not_unpack(hand_made_recording: Recording) 
         unpack(arrays | {"roles": np.array(["nobody"] * 3)})
 
 
-def test_pixels_by_hand(hand_made_recording: Recording) -> None:
+def test_body_ids_depth_and_picture_of_known_pixels(hand_made_recording: Recording) -> None:
     assert len(hand_made_recording) == 2
-    numbers, depth = hand_made_recording.body_ids(0), hand_made_recording.depth_m(0)
-    names = [hand_made_recording.bodies[numbers[row, column]] for row, column in ((0, 0), (15, 12), (18, 33), (9, 11))]
+    body_ids, depth = hand_made_recording.body_ids(0), hand_made_recording.depth_m(0)
+    names = [hand_made_recording.bodies[body_ids[row, column]] for row, column in ((0, 0), (15, 12), (18, 33), (9, 11))]
     assert names == ["table", "box", "tile", "finger"]
-    assert numbers[0, 40] == -2
+    assert body_ids[0, 40] == -2
     np.testing.assert_allclose([depth[0, 0], depth[15, 12], depth[9, 11]], [1.0, 0.8, 0.75])
     picture = hand_made_recording.picture(1)
     assert picture.shape == (31, 41, 3)
     np.testing.assert_allclose(picture, 90, atol=1)
 
 
-def test_a_cloth_has_number_minus_one(folded_cloth: Recording) -> None:
-    numbers = folded_cloth.body_ids(1)
-    assert sorted(set(numbers.ravel().tolist())) == [-2, -1]
-    assert (numbers == -1).sum() == 81
+def test_cloth_has_body_id_minus_one(folded_cloth: Recording) -> None:
+    body_ids = folded_cloth.body_ids(1)
+    assert sorted(set(body_ids.ravel().tolist())) == [-2, -1]
+    assert (body_ids == -1).sum() == 81
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_png_loses_nothing(kind: type, hand_made_recording: Recording) -> None:
-    image = np.random.default_rng(0).integers(0, np.iinfo(kind).max, (31, 41), dtype=kind, endpoint=True)
-    if kind is np.uint16:
-        found = replace(hand_made_recording, depths=[as_png(image)]).depth_m(0)
-        np.testing.assert_allclose(found, image * 1e-4, rtol=1e-6)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_png_is_lossless(dtype: type, hand_made_recording: Recording) -> None:
+    image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, (31, 41), dtype=dtype, endpoint=True)
+    if dtype is np.uint16:
+        actual = replace(hand_made_recording, depths=[encode_png(image)]).depth_m(0)
+        np.testing.assert_allclose(actual, image * 1e-4, rtol=1e-6)
     else:
-        found = replace(hand_made_recording, shown=[as_png(image)]).body_ids(0)
-        np.testing.assert_array_equal(found, image.astype(int) - 2)
+        actual = replace(hand_made_recording, segmentations=[encode_png(image)]).body_ids(0)
+        np.testing.assert_array_equal(actual, image.astype(int) - 2)
 
 
-def test_the_view_of_a_frame(hand_made_recording: Recording) -> None:
-    moved = replace(hand_made_recording, camera=np.stack([np.eye(4), 2 * np.eye(4)]))
+def test_view_has_the_camera_pose_of_the_frame(hand_made_recording: Recording) -> None:
+    moved = replace(hand_made_recording, camera_poses=np.stack([np.eye(4), 2 * np.eye(4)]))
     view = moved.view(1)
     assert (view.width, view.height, view.focal_px) == (41, 31, 80.0)
     np.testing.assert_array_equal(view.pose, 2 * np.eye(4))

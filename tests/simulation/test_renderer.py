@@ -1,4 +1,4 @@
-"""The renderer on a scene of which every pixel can be told by hand."""
+"""The renderer, on a scene whose pixels are computed by hand."""
 
 import os
 import subprocess
@@ -13,16 +13,23 @@ import geoskill
 from geoskill.errors import InputError
 from geoskill.geometry.camera import project
 from geoskill.geometry.poses import pose
+from geoskill.simulation.renderer import (
+    SYSTEM_PACKAGES,
+    VERTICAL_VIEW_DEG,
+    Renderer,
+    add_camera,
+    camera_intrinsics,
+    set_camera_pose,
+)
 from geoskill.simulation.shapes import add_box
-from geoskill.simulation.renderer import SYSTEM_PACKAGES, VERTICAL_VIEW_DEG, Renderer, add_camera, lens, set_camera_pose
 
 WIDTH, HEIGHT = 161, 121
-# Looking down from 1 m, the world's x to the right.
+# Looks down from 1 m, with the world's x to the right.
 ABOVE = pose((0.0, 0.0, 1.0), np.diag([1.0, -1.0, -1.0]))
 
 
 def slab() -> mujoco.MjModel:
-    """A red slab whose top is 0.2 m high, x from 0.1 to 0.3, y from -0.05 to 0.15."""
+    """Return a red slab with its top at z = 0.2, from x = 0.1 to 0.3 and from y = -0.05 to 0.15."""
     spec = mujoco.MjSpec()
     add_camera(spec, WIDTH, HEIGHT)
     spec.visual.headlight.ambient = [1.0] * 3
@@ -31,7 +38,7 @@ def slab() -> mujoco.MjModel:
     return spec.compile()
 
 
-def test_without_a_context_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_renderer_without_a_context_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("invalid value for environment variable MUJOCO_GL")
 
@@ -43,7 +50,7 @@ def test_without_a_context_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
     assert f"sudo apt-get install {SYSTEM_PACKAGES}" in message
 
 
-def test_without_the_libraries_it_is_only_the_rendering_that_fails() -> None:
+def test_import_without_opengl_libraries_succeeds_and_rendering_fails() -> None:
     program = """
 import ctypes.util
 real = ctypes.util.find_library
@@ -59,36 +66,38 @@ except InputError as error:
 """
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     environment["PYTHONPATH"] = str(Path(geoskill.__file__).parents[1])
-    ended = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    assert ended.stdout.startswith("no OpenGL context for rendering")
-    assert ended.stdout.endswith(f"sudo apt-get install {SYSTEM_PACKAGES}\n")
+    completed = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert completed.stdout.startswith("no OpenGL context for rendering")
+    assert completed.stdout.endswith(f"sudo apt-get install {SYSTEM_PACKAGES}\n")
 
 
-def test_the_lens_sees_its_angle_from_top_to_bottom() -> None:
-    camera = lens(640, 480)
+def test_camera_intrinsics_match_the_vertical_field_of_view() -> None:
+    camera = camera_intrinsics(640, 480)
     slope = np.tan(np.radians(VERTICAL_VIEW_DEG / 2))
     pixels, _ = project(camera, np.array([[0.0, -slope, 1.0], [0.0, slope, 1.0]]))
     np.testing.assert_allclose(pixels[:, 1], [-0.5, 479.5])
 
 
 @pytest.mark.usefixtures("opengl")
-def test_bodies_depths_and_colors_are_where_the_camera_model_says() -> None:
+def test_renderer_agrees_with_the_pinhole_camera() -> None:
     model = slab()
     data = mujoco.MjData(model)
     set_camera_pose(model, data, ABOVE)
     mujoco.mj_forward(model, data)
-    with Renderer(model, WIDTH, HEIGHT) as rendering:
-        numbers, depth, picture = rendering.bodies(data), rendering.depth_m(data), rendering.picture(data)
-        np.testing.assert_array_equal(rendering.bodies(data), numbers)  # one does not disturb the other
-    # At 0.8 m, a meter is this many pixels; the picture's middle is pixel (80, 60).
+    with Renderer(model, WIDTH, HEIGHT) as renderer:
+        body_ids, depth, picture = renderer.body_ids(data), renderer.depth_m(data), renderer.picture(data)
+        np.testing.assert_array_equal(renderer.body_ids(data), body_ids)  # the modes do not disturb each other
+    # Pixels per meter at a depth of 0.8 m; the center of the image is pixel (80, 60).
     scale = 121 / 2 / np.tan(np.radians(20)) / 0.8
     left, right, top, bottom = 80 + 0.1 * scale, 80 + 0.3 * scale, 60 - 0.15 * scale, 60 + 0.05 * scale
-    foot = 80 + 0.1 * scale * 0.8  # the left side is seen, too, down to the ground at 1 m
-    rows, columns = np.nonzero(numbers == model.body("slab").id)
+    foot = 80 + 0.1 * scale * 0.8  # the left side is visible, too, down to the ground at a depth of 1 m
+    rows, columns = np.nonzero(body_ids == model.body("slab").id)
     np.testing.assert_allclose(
         [columns.min(), columns.max(), rows.min(), rows.max()], [foot, right, top, bottom], atol=1
     )
     inside = np.s_[int(top) + 2 : int(bottom) - 1, int(left) + 2 : int(right) - 1]
     np.testing.assert_allclose(depth[inside], 0.8, atol=1e-4)
     assert np.all(picture[inside].argmax(axis=-1) == 0)
-    assert np.all(numbers[:, : int(foot) - 1] == -2)
+    assert np.all(body_ids[:, : int(foot) - 1] == -2)

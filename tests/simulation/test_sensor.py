@@ -1,4 +1,4 @@
-"""Noise, exposure and compression."""
+"""Sensor: noise, exposure and compression."""
 
 import cv2
 import numpy as np
@@ -10,22 +10,22 @@ def flat(level: int) -> np.ndarray:
     return np.full((120, 160, 3), level, np.uint8)
 
 
-def test_exposure_scales_and_the_seed_decides_the_noise() -> None:
-    found = expose(flat(100), 1.2, np.random.default_rng(0))
-    np.testing.assert_allclose(found.mean(axis=(0, 1)), 120, atol=0.3)
-    np.testing.assert_array_equal(found, expose(flat(100), 1.2, np.random.default_rng(0)))
-    assert np.any(found != expose(flat(100), 1.2, np.random.default_rng(1)))
-    np.testing.assert_array_equal(expose(flat(255), 1.5, np.random.default_rng(0)), 255)  # burnt out
+def test_expose_scales_and_draws_noise_by_the_seed() -> None:
+    exposed = expose(flat(100), 1.2, np.random.default_rng(0))
+    np.testing.assert_allclose(exposed.mean(axis=(0, 1)), 120, atol=0.3)
+    np.testing.assert_array_equal(exposed, expose(flat(100), 1.2, np.random.default_rng(0)))
+    assert np.any(exposed != expose(flat(100), 1.2, np.random.default_rng(1)))
+    np.testing.assert_array_equal(expose(flat(255), 1.5, np.random.default_rng(0)), 255)  # saturated
 
 
-def test_the_noise_grows_with_the_root_of_the_light() -> None:
-    # The read noise squared and a share of the light add; what the color filter blurs away is made up for.
+def test_expose_noise_grows_with_the_root_of_the_intensity() -> None:
+    # The variances of read and shot noise add; the variance that the noise's own blur removes is restored.
     for level in (20, 80, 200):
-        spread = expose(flat(level), 1.0, np.random.default_rng(0)).astype(float).std()
-        np.testing.assert_allclose(spread, np.sqrt(1.2**2 + 0.16**2 * level), rtol=0.15)
+        deviation = expose(flat(level), 1.0, np.random.default_rng(0)).astype(float).std()
+        np.testing.assert_allclose(deviation, np.sqrt(1.2**2 + 0.16**2 * level), rtol=0.15)
 
 
-def test_edges_are_a_little_blurred() -> None:
+def test_expose_blurs_edges_slightly() -> None:
     image = flat(40)
     image[:, 80:] = 200
     row = expose(image, 1.0, np.random.default_rng(0)).astype(float).mean(axis=(0, 2))
@@ -34,7 +34,7 @@ def test_edges_are_a_little_blurred() -> None:
     np.testing.assert_allclose([row[:75].mean(), row[85:].mean()], [40, 200], atol=0.5)
 
 
-def test_the_exposure_drifts_slowly_by_a_few_percent() -> None:
+def test_exposure_drift_is_slow_and_small() -> None:
     for seed in range(20):
         exposures = exposure_drift(90, np.random.default_rng(seed))
         assert len(exposures) == 90
@@ -43,7 +43,7 @@ def test_the_exposure_drifts_slowly_by_a_few_percent() -> None:
         assert np.ptp(exposures) > 0.02
 
 
-def test_a_jpeg_in_the_right_colors() -> None:
+def test_compress_keeps_the_order_of_the_colors() -> None:
     image = flat(0)
     image[:, :80] = (200, 40, 90)
     decoded = cv2.imdecode(np.frombuffer(compress(image), np.uint8), cv2.IMREAD_COLOR)[..., ::-1]

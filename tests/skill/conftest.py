@@ -1,4 +1,4 @@
-"""A skill with weights that nothing has taught."""
+"""Fixtures: an untrained skill."""
 
 from pathlib import Path
 from typing import Any
@@ -6,17 +6,33 @@ from typing import Any
 import pytest
 import torch
 
-from geoskill.skill.spec import build
+from geoskill.skill.checkpoint import Provenance, skill_entry
+from geoskill.skill.spec import SkillSpec, build_skill
 
 
 @pytest.fixture(scope="session")
-def checkpoint(description: dict[str, Any]) -> dict[str, Any]:
-    """What a training run stores, as far as a skill needs it."""
-    members = build(description, seed=3).members
+def provenance() -> Provenance:
+    return Provenance(
+        sources=("tiles.mp4",),
+        image_size=(160, 120),
+        date="2026-02-03T04:05:06+00:00",
+        version="1.2.3",
+        seed=7,
+        finished=True,
+        epochs=(16, 16),
+        metrics={"objective": 0.25, "rsw": 0.0625},
+        configuration={"kernel": "p2p", "optimizer": {"lr": 0.003}},
+    )
+
+
+@pytest.fixture(scope="session")
+def checkpoint(spec: SkillSpec, provenance: Provenance) -> dict[str, Any]:
+    """Return the part of a training run's checkpoint that a skill needs."""
+    members = build_skill(spec, seed=3).members
     for member in members.values():
         member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
     weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
-    return {"skill": description, "state_dict": weights, "epoch": 3}
+    return {"skill": skill_entry(spec, provenance), "state_dict": weights, "epoch": 3}
 
 
 @pytest.fixture

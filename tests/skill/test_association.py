@@ -1,4 +1,4 @@
-"""What stands in associations.jsonl, to the letter, and what a node is."""
+"""Tests of associations and nodes, and of their exact form in associations.jsonl."""
 
 import json
 
@@ -11,8 +11,9 @@ from geoskill.skill.association import Association, InferenceResult, Node, absta
 POINT, LINE = NodeType.POINT, NodeType.LINE
 
 
-def test_a_point_association_reads_as_agreed() -> None:
+def test_association_as_json_of_points() -> None:
     association = Association(
+        member="p2p_sift",
         kernel="p2p",
         descriptor="sift",
         rank=1,
@@ -21,7 +22,7 @@ def test_a_point_association_reads_as_agreed() -> None:
         nodes=(Node(POINT, (101.5, 66.0), 4), Node(POINT, (75.2, 140.9), 0)),
         error=(26.3, -74.9),
     )
-    # The agreed line of associations.jsonl, without the frame, with the descriptor.
+    # The documented line of associations.jsonl, without frame and time.
     assert json.dumps(association.as_json()) == (
         '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, "weight": 0.5, '
         '"nodes": [{"type": "point", "xy": [101.5, 66.0]}, {"type": "point", "xy": [75.2, 140.9]}], '
@@ -29,27 +30,33 @@ def test_a_point_association_reads_as_agreed() -> None:
     )
 
 
-def test_lines_are_two_end_points() -> None:
+def test_association_as_json_of_lines() -> None:
     association = Association(
-        "p2l", "sift+lbd", 2, 0.5, 0.25, (Node(POINT, (1.0, 2.0)), Node(LINE, (1.0, 2.5, 30.0, 40.25), 7)), (-3.5,)
+        "p2l_sift_lbd",
+        "p2l",
+        "sift+lbd",
+        2,
+        0.5,
+        0.25,
+        (Node(POINT, (1.0, 2.0)), Node(LINE, (1.0, 2.5, 30.0, 40.25), 7)),
+        (-3.5,),
     )
     assert association.as_json()["nodes"] == [
         {"type": "point", "xy": [1.0, 2.0]},
         {"type": "line", "xy": [[1.0, 2.5], [30.0, 40.25]]},
     ]
     assert association.as_json()["error"] == [-3.5]
-    assert association.member == ("p2l", "sift+lbd")
 
 
-def test_numbers_are_rounded_to_what_can_be_meant() -> None:
-    association = Association("p2p", "orb", 1, 1 / 3, 2 / 3, (Node(POINT, (1 / 3, 2 / 3)),), (-1 / 3, 2 / 3))
+def test_association_as_json_rounds() -> None:
+    association = Association("p2p_orb", "p2p", "orb", 1, 1 / 3, 2 / 3, (Node(POINT, (1 / 3, 2 / 3)),), (-1 / 3, 2 / 3))
     line = association.as_json()
     assert (line["confidence"], line["weight"]) == (0.333333, 0.666667)
     assert line["nodes"] == [{"type": "point", "xy": [0.333, 0.667]}]
     assert line["error"] == [-0.3333, 0.6667]
 
 
-def test_the_center_of_a_point_and_of_a_segment() -> None:
+def test_node_center() -> None:
     assert Node(POINT, (3.0, -4.5)).center == (3.0, -4.5)
     assert Node(LINE, (1.0, 2.0, 4.0, 8.0)).center == (2.5, 5.0)
 
@@ -62,28 +69,28 @@ def test_the_center_of_a_point_and_of_a_segment() -> None:
         (LINE, (1.0, 2.0), "a line has 2 coordinates; expected 4"),
     ],
 )
-def test_a_node_has_the_coordinates_of_its_type(
+def test_node_requires_coordinates_of_its_type(
     node_type: NodeType, coordinates: tuple[float, ...], message: str
 ) -> None:
     with pytest.raises(ValueError, match=f"^{message}$"):
         Node(node_type, coordinates)
 
 
-def test_a_doubtful_member_selects_nothing_and_says_so() -> None:
+def test_abstain_below_drops_doubtful_members() -> None:
     nodes = (Node(POINT, (1.0, 2.0)), Node(POINT, (3.0, 4.0)))
-    sure = Association("p2p", "orb", 1, 0.9, 0.5, nodes, (-2.0, -2.0))
-    doubtful = Association("p2p", "sift", 1, 0.125, 0.5, nodes, (7.0, 8.0))
-    # Its second may be more confident: the first was kept from the frame before.
-    second = Association("p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
-    reasons = {("l2l", "lbd"): "no instance: 1 lines found"}
+    sure = Association("p2p_orb", "p2p", "orb", 1, 0.9, 0.5, nodes, (-2.0, -2.0))
+    doubtful = Association("p2p_sift", "p2p", "sift", 1, 0.125, 0.5, nodes, (7.0, 8.0))
+    # The second may be more confident, since the first was kept from the previous frame.
+    second = Association("p2p_sift", "p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
+    reasons = {"l2l_lbd": "no instance: 1 lines found"}
     result = InferenceResult((doubtful, second, sure), {}, reasons)
     left = abstain_below(result, 0.2)
     assert left.associations == (sure,)
     np.testing.assert_array_equal(left.error, [-2.0, -2.0])
     assert left.reasons == {
-        ("l2l", "lbd"): "no instance: 1 lines found",
-        ("p2p", "sift"): "no association visible: the selected one has a confidence of 0.12, less than 0.2",
+        "l2l_lbd": "no instance: 1 lines found",
+        "p2p_sift": "no association visible: the selected one has a confidence of 0.12, less than 0.2",
     }
-    assert abstain_below(result, 0.125) is result, "what has just the confidence is selected"
+    assert abstain_below(result, 0.125) is result, "the smallest confidence is still selected"
     nothing = abstain_below(result, 1.0)
     assert (nothing.associations, nothing.error.shape) == ((), (0,))

@@ -1,4 +1,4 @@
-"""The readable definition of a task, summed up by hand."""
+"""Tests of the task definition, computed by hand."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,11 +16,11 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.skill.association import Association, InferenceResult, Node
-from geoskill.skill.definition import LISTED, SAME_FEATURE, TaskDefinition
+from geoskill.skill.definition import MAX_LISTED, MIN_SIMILARITY, TaskDefinition
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 EXTRACTORS = {POINT: "sift", LINE: "lbd"}
-# Unit descriptors; the first two are views of one feature, all others are negatives.
+# Unit descriptors; the first two are views of one feature, the others are unrelated.
 CUP, CUP_AGAIN, SHELF, HAND = (
     np.array(numbers, np.float32) for numbers in ([1, 0, 0, 0], [0.8, 0.6, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1])
 )
@@ -42,22 +42,22 @@ def features_of(node_type: NodeType, descriptors: list[np.ndarray]) -> FeatureSe
 
 
 def frame_with(first: np.ndarray, second: np.ndarray, confidence: float, error: tuple[float, float]) -> InferenceResult:
-    """The top association joins rows 1 and 2; a second one of rank 2 joins others."""
-    found = features_of(POINT, [HAND, first, second])
+    """Return a result whose top association joins rows 1 and 2, and one of rank 2 rows 0 and 2."""
+    features = features_of(POINT, [HAND, first, second])
 
     def node(row: int) -> Node:
-        return Node(POINT, tuple(found.geometry[row].tolist()), row)
+        return Node(POINT, tuple(features.geometry[row].tolist()), row)
 
     return InferenceResult(
         (
-            Association("p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
-            Association("p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
+            Association("p2p_sift", "p2p", "sift", 1, confidence, confidence, (node(1), node(2)), error),
+            Association("p2p_sift", "p2p", "sift", 2, confidence / 2, 0.0, (node(0), node(2)), (99.0, 99.0)),
         ),
-        {"sift": found},
+        {"sift": features},
     )
 
 
-NOTHING = InferenceResult((), {"sift": features_of(POINT, [])}, {("p2p", "sift"): "no instance"})
+NOTHING = InferenceResult((), {"sift": features_of(POINT, [])}, {"p2p_sift": "no instance"})
 
 
 def definition_of(results: list[InferenceResult], kernels: dict[str, Kernel] | None = None) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def definition_of(results: list[InferenceResult], kernels: dict[str, Kernel] | N
     return definition.as_dict()
 
 
-def test_what_a_member_found_in_five_frames() -> None:
+def test_definition_of_five_frames() -> None:
     described = definition_of(
         [
             frame_with(CUP, SHELF, 0.5, (3.0, 4.0)),
@@ -105,34 +105,34 @@ def test_what_a_member_found_in_five_frames() -> None:
     }
 
 
-def test_what_was_kept_without_being_detected_counts_as_what_it_was() -> None:
-    """Frame 10 has the association of frame 0, one of whose nodes no detected feature is."""
+def test_definition_counts_undetected_association_in_its_group() -> None:
+    """Frames 10 and 30 keep the association of frame 0 although one of its nodes is not detected."""
     seen = frame_with(CUP, SHELF, 0.5, (3.0, 4.0))
     first, second = seen.associations[0].nodes
     kept = replace(seen.associations[0], nodes=(first, Node(POINT, (70.0, 80.0))), error=(0.0, 1.0), confidence=0.5)
     missed = InferenceResult((kept,), seen.features)
     described = definition_of([seen, missed, frame_with(HAND, SHELF, 0.25, (0.0, 2.0)), missed])
-    found = described["members"]["p2p_sift"]
-    assert found["frames_with_association"] == 4
-    assert [(entry["share"], entry["mean_confidence"]) for entry in found["associations"]] == [(0.5, 0.5), (0.5, 0.375)]
-    assert found["associations"][0]["nodes"] == [first.as_json(), second.as_json()]
+    entry = described["members"]["p2p_sift"]
+    assert entry["frames_with_association"] == 4
+    assert [(group["share"], group["mean_confidence"]) for group in entry["associations"]] == [(0.5, 0.5), (0.5, 0.375)]
+    assert entry["associations"][0]["nodes"] == [first.as_json(), second.as_json()]
 
 
-@pytest.mark.parametrize(("likeness", "groups"), [(SAME_FEATURE + 0.01, 1), (SAME_FEATURE - 0.01, 2)])
-def test_how_alike_views_of_one_feature_must_be(likeness: float, groups: int) -> None:
-    other = np.array([likeness, np.sqrt(1 - likeness**2), 0, 0], np.float32)
-    described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(other, SHELF, 0.5, (1.0, 0.0))])
+@pytest.mark.parametrize(("similarity", "groups"), [(MIN_SIMILARITY + 0.01, 1), (MIN_SIMILARITY - 0.01, 2)])
+def test_definition_groups_by_min_similarity(similarity: float, groups: int) -> None:
+    view = np.array([similarity, np.sqrt(1 - similarity**2), 0, 0], np.float32)
+    described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(view, SHELF, 0.5, (1.0, 0.0))])
     assert len(described["members"]["p2p_sift"]["associations"]) == groups
 
 
-def test_both_features_must_be_alike() -> None:
+def test_definition_groups_by_least_similar_feature() -> None:
     described = definition_of([frame_with(CUP, SHELF, 0.5, (1.0, 0.0)), frame_with(CUP, HAND, 0.5, (1.0, 0.0))])
     assert [group["share"] for group in described["members"]["p2p_sift"]["associations"]] == [0.5, 0.5]
 
 
 @pytest.mark.parametrize("order", [(0, 60), (60, 0)])
-def test_an_association_joins_the_group_it_resembles_most(order: tuple[int, int]) -> None:
-    """Two negatives 60 degrees apart, and a view 20 degrees from one and 40 from the other."""
+def test_definition_joins_most_similar_group(order: tuple[int, int]) -> None:
+    """Two descriptors 60 degrees apart, and a third 20 degrees from one and 40 from the other."""
 
     def turned(angle_deg: float) -> np.ndarray:
         angle = np.radians(angle_deg)
@@ -148,41 +148,49 @@ def test_an_association_joins_the_group_it_resembles_most(order: tuple[int, int]
 
 
 @pytest.mark.parametrize("frames", [30, 39])
-def test_errors_are_medians_of_a_tenth(frames: int) -> None:
+def test_definition_error_norm_is_median_of_a_tenth(frames: int) -> None:
     """The first three frames have errors of 9, 1 and 5 pixels, the last three of 2, 8 and 3."""
     sizes = [9, 1, 5, *[100] * (frames - 6), 2, 8, 3]
     described = definition_of([frame_with(CUP, SHELF, 0.5, (0.0, float(size))) for size in sizes])
     assert described["members"]["p2p_sift"]["error_norm"] == {"at_start": 5.0, "at_end": 3.0}
 
 
-def test_the_most_frequent_are_listed_first() -> None:
-    """Seven associations, the n-th one in n frames."""
+def test_definition_lists_most_frequent_groups() -> None:
+    """There are seven associations, the n-th one in n frames."""
     others = np.eye(8, dtype=np.float32)[1:]
     results = []
     for number, descriptor in enumerate(others, start=1):
-        found = FeatureSet(
+        features = FeatureSet(
             POINT,
             np.stack([np.eye(8, dtype=np.float32)[0], descriptor]),
             np.zeros((2, 2), np.float32),
             np.zeros(2, np.float32),
         )
         nodes = (Node(POINT, (0.0, 0.0), 0), Node(POINT, (0.0, 0.0), 1))
-        association = Association("p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
-        results += number * [InferenceResult((association,), {"sift": found})]
+        association = Association("p2p_sift", "p2p", "sift", 1, 0.5, 0.5, nodes, (1.0, 0.0))
+        results += number * [InferenceResult((association,), {"sift": features})]
     described = definition_of(results)
     shares = [group["share"] for group in described["members"]["p2p_sift"]["associations"]]
     assert shares == [round(count / 28, 4) for count in (7, 6, 5, 4, 3)]
-    assert len(shares) == LISTED
+    assert len(shares) == MAX_LISTED
 
 
-def test_an_ensemble_constrains_what_its_members_do_together() -> None:
+def test_definition_of_ensemble_sums_degrees_of_freedom() -> None:
     points, lines = features_of(POINT, [CUP, SHELF]), features_of(LINE, [HAND])
     result = InferenceResult(
         (
             Association(
-                "p2p", "sift", 1, 0.5, 0.5, (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)), (3.0, 4.0)
+                "p2p_sift",
+                "p2p",
+                "sift",
+                1,
+                0.5,
+                0.5,
+                (Node(POINT, (0.0, 1.0), 0), Node(POINT, (2.0, 3.0), 1)),
+                (3.0, 4.0),
             ),
             Association(
+                "p2l_sift_lbd",
                 "p2l",
                 "sift+lbd",
                 1,
@@ -205,7 +213,7 @@ def test_an_ensemble_constrains_what_its_members_do_together() -> None:
 
 
 @pytest.mark.parametrize("frames", [0, 3])
-def test_where_nothing_was_found_nothing_is_constrained(frames: int) -> None:
+def test_definition_without_associations(frames: int) -> None:
     assert definition_of([NOTHING] * frames) == {
         "degrees_of_freedom": 0,
         "members": {
@@ -224,6 +232,6 @@ def test_where_nothing_was_found_nothing_is_constrained(frames: int) -> None:
     }
 
 
-def test_it_is_plain_enough_for_yaml() -> None:
+def test_definition_round_trips_through_yaml() -> None:
     described = definition_of([frame_with(CUP, SHELF, 1 / 3, (1 / 3, 2 / 3)), NOTHING])
     assert yaml.safe_load(yaml.safe_dump(described)) == described

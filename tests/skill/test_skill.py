@@ -1,7 +1,9 @@
-"""A skill is loaded from a file that may be anything, and asked about a frame that may show anything."""
+"""Loading skills from good and bad files, and inference on frames that may show anything."""
 
 import copy
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +12,11 @@ import pytest
 import torch
 
 from geoskill import Skill as PublicSkill
+from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
-from geoskill.skill.skill import Skill, read_checkpoint
-from geoskill.skill.spec import build
+from geoskill.skill.checkpoint import Provenance, read_skill, skill_entry
+from geoskill.skill.skill import Skill
+from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
 from geoskill.skill.temporal_filter import TemporalFilter
 
 
@@ -26,11 +30,11 @@ def frame(demonstration_frames: tuple[np.ndarray, ...]) -> np.ndarray:
     return demonstration_frames[6]
 
 
-def test_the_package_offers_it() -> None:
+def test_skill_is_public() -> None:
     assert PublicSkill is Skill
 
 
-def test_weights_come_from_the_file(skill: Skill, checkpoint: dict[str, Any]) -> None:
+def test_load_takes_weights_from_the_file(skill: Skill, checkpoint: dict[str, Any]) -> None:
     assert list(skill.members) == ["p2p_sift", "p2l_sift_lbd"]
     assert list(skill.pipelines) == ["sift", "lbd"]
     for name, member in skill.members.items():
@@ -45,7 +49,7 @@ def no_file(path: Path) -> None:
     path.unlink()
 
 
-def a_folder(path: Path) -> None:
+def empty_folder(path: Path) -> None:
     path.unlink()
     path.mkdir()
 
@@ -92,7 +96,6 @@ class Acting:
     ("damage", "message"),
     [
         (no_file, "no such file; expected the skill.ckpt of a training run"),
-        (a_folder, "no such file; expected the skill.ckpt of a training run"),
         (an_empty_file, "cannot be read as a checkpoint; expected the skill.ckpt of a training run"),
         (random_bytes, "cannot be read as a checkpoint"),
         (half_of_it, "cannot be read as a checkpoint"),
@@ -102,17 +105,17 @@ class Acting:
         (a_pickle_that_acts, "cannot be read as a checkpoint"),
     ],
 )
-def test_what_is_no_checkpoint_is_refused(skill_file: Path, damage: Callable[[Path], None], message: str) -> None:
+def test_load_refuses_damaged_files(skill_file: Path, damage: Callable[[Path], None], message: str) -> None:
     damage(skill_file)
     with pytest.raises(InputError, match=f"^{skill_file}: {message}"):
         Skill.load(skill_file)
     with pytest.raises(InputError, match=f"^{skill_file}: {message}"):
-        read_checkpoint(str(skill_file))
+        read_skill(str(skill_file))
     assert not skill_file.with_name("acted").exists()
 
 
 @pytest.mark.parametrize("content", [{"state_dict": {}}, {"skill": {}}, {}, [1, 2], torch.zeros(3), "skill"])
-def test_a_checkpoint_of_another_program_is_refused(tmp_path: Path, content: Any) -> None:
+def test_load_refuses_checkpoints_of_other_programs(tmp_path: Path, content: Any) -> None:
     path = tmp_path / "other.ckpt"
     torch.save(content, path)
     with pytest.raises(InputError, match=f"^{path}: is no skill of this program; expected the skill.ckpt"):
@@ -120,7 +123,7 @@ def test_a_checkpoint_of_another_program_is_refused(tmp_path: Path, content: Any
 
 
 def wider(checkpoint: dict[str, Any]) -> None:
-    checkpoint["skill"]["model"]["hidden_dim"] = 9
+    checkpoint["skill"]["specification"]["model"]["arguments"]["hidden_dim"] = 9
 
 
 def without_a_weight(checkpoint: dict[str, Any]) -> None:
@@ -134,72 +137,135 @@ def of_another_member(checkpoint: dict[str, Any]) -> None:
 
 
 def another_kernel(checkpoint: dict[str, Any]) -> None:
-    checkpoint["skill"]["members"]["p2l_sift_lbd"]["kernel"]["_target_"] = "geoskill.kernels.l2l.LineToLine"
+    checkpoint["skill"]["specification"]["members"]["p2l_sift_lbd"]["kernel"]["name"] = "l2l"
 
 
-def without_members(checkpoint: dict[str, Any]) -> None:
-    del checkpoint["skill"]["members"]
+def another_node_type(checkpoint: dict[str, Any]) -> None:
+    checkpoint["skill"]["specification"]["members"]["p2l_sift_lbd"]["extractors"] = {"point": "sift"}
 
 
-def no_description(checkpoint: dict[str, Any]) -> None:
-    checkpoint["skill"] = "p2p"
+def swapped_extractors(checkpoint: dict[str, Any]) -> None:
+    checkpoint["skill"]["specification"]["members"]["p2l_sift_lbd"]["extractors"] = {"point": "lbd", "line": "sift"}
+
+
+def another_shape(checkpoint: dict[str, Any]) -> None:
+    checkpoint["state_dict"]["members.p2p_sift.reference_margin"] = torch.zeros(2)
 
 
 @pytest.mark.parametrize(
-    "change", [wider, without_a_weight, of_another_member, another_kernel, without_members, no_description]
+    "change",
+    [
+        wider,
+        without_a_weight,
+        of_another_member,
+        another_kernel,
+        another_node_type,
+        swapped_extractors,
+        another_shape,
+    ],
 )
-def test_weights_that_do_not_fit_are_refused(
+def test_load_refuses_weights_that_do_not_fit(
     tmp_path: Path, checkpoint: dict[str, Any], change: Callable[[dict[str, Any]], None]
 ) -> None:
     checkpoint = copy.deepcopy(checkpoint)
     change(checkpoint)
     path = tmp_path / "unfit.ckpt"
     torch.save(checkpoint, path)
-    with pytest.raises(InputError, match=rf"^{path}: its weights do not fit its description \(.+\)$") as caught:
+    with pytest.raises(InputError, match=rf"^{path}: its weights do not fit its specification \(.+\)$") as caught:
         Skill.load(path)
     assert "\n" not in str(caught.value)
 
 
-def test_another_format_is_refused_by_the_name_of_the_file(tmp_path: Path, checkpoint: dict[str, Any]) -> None:
+@pytest.mark.parametrize("number", [1, 2])
+def test_load_refuses_old_formats_with_what_to_do(tmp_path: Path, checkpoint: dict[str, Any], number: int) -> None:
+    """Until format 2, the entry ``skill`` was the specification itself."""
     path = tmp_path / "earlier.ckpt"
-    torch.save({**checkpoint, "skill": {**checkpoint["skill"], "format": 1}}, path)
-    with pytest.raises(InputError, match=rf"^{path}: the skill's format is 1; expected 2$"):
+    description = {"format": number, "members": {}, "extractors": {}, "model": {}, "features": {}, "alternatives": 4}
+    torch.save({**checkpoint, "skill": description}, path)
+    with pytest.raises(
+        InputError,
+        match=rf"^{path}: the skill's format is {number}; expected 3 \(learn it again with this version\)$",
+    ):
         Skill.load(path)
 
 
+def test_load_takes_a_run_folder(skill_file: Path, skill: Skill, frame: np.ndarray) -> None:
+    for reference in (skill_file.parent, str(skill_file.parent), str(skill_file)):
+        assert Skill.load(reference).infer(frame).associations == skill.infer(frame).associations
+
+
+def test_load_refuses_a_folder_without_skill(skill_file: Path) -> None:
+    empty_folder(skill_file)
+    for folder in (skill_file, skill_file.parent / "skill.ckpt"):
+        with pytest.raises(InputError, match=rf"^{folder}/skill\.ckpt: no such file; expected the skill\.ckpt of a t"):
+            Skill.load(folder)
+
+
+def test_save_and_load(skill: Skill, tmp_path: Path, frame: np.ndarray) -> None:
+    skill.save(tmp_path / "saved.ckpt")
+    loaded = Skill.load(tmp_path / "saved.ckpt")
+    assert (loaded.spec, loaded.provenance) == (skill.spec, skill.provenance)
+    assert repr(loaded) == repr(skill)
+    for name, member in skill.members.items():
+        state = loaded.members[name].state_dict()
+        assert list(state) == list(member.state_dict())
+        assert all(torch.equal(value, state[key]) for key, value in member.state_dict().items())
+    assert loaded.infer(frame).associations == skill.infer(frame).associations
+    assert list(tmp_path.glob("saved*")) == [tmp_path / "saved.ckpt"]
+
+
+def test_repr_says_where_the_skill_comes_from(skill: Skill) -> None:
+    assert repr(skill) == (
+        "Skill(p2p_sift, p2l_sift_lbd; learned from tiles.mp4 at 160x120, 2026-02-03T04:05:06+00:00,"
+        " geoskill 1.2.3, seed 7; objective 0.25, rsw 0.0625)"
+    )
+
+
+def test_unfinished_skill_loads_with_a_warning(
+    spec: SkillSpec, provenance: Provenance, checkpoint: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "skill.ckpt"
+    unfinished = replace(provenance, finished=False, epochs=(3, 16), metrics={})
+    torch.save({**checkpoint, "skill": skill_entry(spec, unfinished)}, path)
+    message = f"{path} is unfinished (3 of 16 epochs): its confidence is not calibrated; go on with ckpt_path={path}"
+    with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
+        skill = Skill.load(tmp_path)
+    assert repr(skill).endswith("seed 7, unfinished: 3 of 16 epochs)")
+
+
 @pytest.mark.parametrize("device", ["cuda:77", "nowhere"])
-def test_a_device_that_is_not_there_is_refused(skill_file: Path, device: str) -> None:
+def test_load_refuses_missing_devices(skill_file: Path, device: str) -> None:
     with pytest.raises(InputError, match=rf"^device={device}: [^\n]+ \(expected one such as cpu\)$"):
         Skill.load(skill_file, device=device)
 
 
-def test_another_precision_than_that_of_the_training(skill_file: Path, frame: np.ndarray) -> None:
+def test_load_with_another_precision(skill_file: Path, frame: np.ndarray) -> None:
     exact, low = Skill.load(skill_file).observe(frame), Skill.load(skill_file, precision="bfloat16").observe(frame)
     for name, member in exact.members.items():
         assert not torch.equal(member.scores, low.members[name].scores)
         torch.testing.assert_close(low.members[name].scores, member.scores, rtol=0, atol=0.05)
-    with pytest.raises(InputError, match=rf"^{skill_file}: precision=half: expected float32 or bfloat16$"):
+    with pytest.raises(InputError, match=r"^precision=half: expected float32 or bfloat16$"):
         Skill.load(skill_file, precision="half")
 
 
-def test_a_network_without_messages_has_one_precision(checkpoint: dict[str, Any], tmp_path: Path) -> None:
-    model = {"_target_": "geoskill.model.bilinear.Bilinear", "_partial_": True, "hidden_dim": 8}
-    description = {**checkpoint["skill"], "model": model}
+def test_network_without_messages_has_one_precision(spec: SkillSpec, provenance: Provenance, tmp_path: Path) -> None:
+    bilinear = plan_skill("p2p", "sift", {"name": "bilinear", "hidden_dim": 8}, FeaturesConfig(), top_k=4).model
+    spec = replace(spec, model=bilinear)
     weights = {
         f"members.{name}.{key}": value
-        for name, member in build(description).members.items()
+        for name, member in build_skill(spec).members.items()
         for key, value in member.state_dict().items()
     }
     path = tmp_path / "bilinear.ckpt"
-    torch.save({"skill": description, "state_dict": weights}, path)
+    torch.save({"skill": skill_entry(spec, provenance), "state_dict": weights}, path)
     Skill.load(path, precision="float32")
     with pytest.raises(
-        InputError, match=rf"^{path}: precision=bfloat16: Bilinear passes no messages; expected float32 or null$"
+        InputError, match=r"^precision=bfloat16: Bilinear passes no messages; expected float32 or null$"
     ):
         Skill.load(path, precision="bfloat16")
 
 
-def test_the_best_of_each_member_sorted_by_weight(skill: Skill, frame: np.ndarray) -> None:
+def test_infer_lists_the_best_of_each_member_by_weight(skill: Skill, frame: np.ndarray) -> None:
     result = skill.infer(frame)
     assert [(a.kernel, a.descriptor, a.rank) for a in result.associations] == [
         *(("p2p", "sift", rank) for rank in (1, 2, 3, 4)),
@@ -215,7 +281,7 @@ def test_the_best_of_each_member_sorted_by_weight(skill: Skill, frame: np.ndarra
 
 
 def test_weight_is_the_share_of_all_instances(skill: Skill, frame: np.ndarray) -> None:
-    skill.alternatives = 1000
+    skill.spec = replace(skill.spec, top_k=1000)
     result = skill.infer(frame)
     points, lines = (len(result.features[name]) for name in ("sift", "lbd"))
     p2p = [a.weight for a in result.associations if a.kernel == "p2p"]
@@ -225,9 +291,7 @@ def test_weight_is_the_share_of_all_instances(skill: Skill, frame: np.ndarray) -
     assert sum(p2l) == pytest.approx(1, abs=1e-5)
 
 
-def test_confidence_asks_how_far_a_score_is_ahead_of_what_it_was_in_the_demonstration(
-    skill: Skill, frame: np.ndarray
-) -> None:
+def test_confidence_compares_the_margin_with_that_of_the_demonstration(skill: Skill, frame: np.ndarray) -> None:
     before = skill.infer(frame)
     assert [a.confidence for a in before.associations] == [a.weight for a in before.associations], "of no training"
     observed = skill.observe(frame).members["p2p_sift"]
@@ -264,24 +328,25 @@ def test_errors_are_the_control_errors_of_the_nodes(skill: Skill, frame: np.ndar
     assert first.error == pytest.approx((xa - xb, ya - yb), abs=1e-4)
 
 
-def test_the_error_of_an_ensemble_is_that_of_its_top_associations(skill: Skill, frame: np.ndarray) -> None:
+def test_error_of_an_ensemble_is_that_of_its_top_associations(skill: Skill, frame: np.ndarray) -> None:
     result = skill.infer(frame)
     assert result.error.shape == (2 + 1,)
     assert result.error.tolist() == [*result.associations[0].error, *result.associations[4].error]
 
 
-def test_an_ensemble_infers_what_its_members_infer_alone(
+def test_ensemble_infers_what_its_members_infer_alone(
     skill: Skill, tmp_path: Path, checkpoint: dict[str, Any], frame: np.ndarray
 ) -> None:
     together = skill.infer(frame)
     for name, part in (("p2p_sift", slice(0, 4)), ("p2l_sift_lbd", slice(4, 8))):
         alone = copy.deepcopy(checkpoint)
-        alone["skill"]["members"] = {name: alone["skill"]["members"][name]}
+        members = alone["skill"]["specification"]["members"]
+        alone["skill"]["specification"]["members"] = {name: members[name]}
         torch.save(alone, tmp_path / f"{name}.ckpt")
         assert Skill.load(tmp_path / f"{name}.ckpt").infer(frame).associations == together.associations[part]
 
 
-def test_it_says_the_same_again(skill_file: Path, frame: np.ndarray, demonstration_frames: Any) -> None:
+def test_infer_is_repeatable(skill_file: Path, frame: np.ndarray, demonstration_frames: Any) -> None:
     skill = Skill.load(skill_file)
     first = skill.infer(frame)
     skill.infer(demonstration_frames[0])
@@ -290,9 +355,7 @@ def test_it_says_the_same_again(skill_file: Path, frame: np.ndarray, demonstrati
     assert np.array_equal(first.error, again.error)
 
 
-def test_features_that_have_been_extracted_are_taken(
-    skill: Skill, frame: np.ndarray, demonstration_frames: Any
-) -> None:
+def test_infer_takes_extracted_features(skill: Skill, frame: np.ndarray, demonstration_frames: Any) -> None:
     other = demonstration_frames[-1]
     for selecting in (skill.infer, TemporalFilter(skill).infer):
         assert selecting(frame, skill.extract(frame)).associations == skill.infer(frame).associations
@@ -300,26 +363,26 @@ def test_features_that_have_been_extracted_are_taken(
     assert skill.infer(other).associations != skill.infer(frame).associations
 
 
-def test_a_frame_with_nothing_in_it(skill: Skill) -> None:
+def test_infer_on_a_frame_without_features(skill: Skill) -> None:
     result = skill.infer(np.full((90, 120, 3), 77, np.uint8))
     assert result.associations == ()
     assert result.error.shape == (0,)
     assert result.reasons == {
-        ("p2p", "sift"): "no instance: 0 points found",
-        ("p2l", "sift+lbd"): "no instance: 0 points, 0 lines found",
+        "p2p_sift": "no instance: 0 points found",
+        "p2l_sift_lbd": "no instance: 0 points, 0 lines found",
     }
     assert {name: len(found) for name, found in result.features.items()} == {"sift": 0, "lbd": 0}
 
 
-def test_a_member_without_instance_leaves_the_others_alone(skill: Skill, frame: np.ndarray) -> None:
+def test_member_without_instance_leaves_the_others_alone(skill: Skill, frame: np.ndarray) -> None:
     skill.pipelines["lbd"].max_features = 0
     result = skill.infer(frame)
     assert [association.kernel for association in result.associations] == ["p2p"] * 4
-    assert result.reasons == {("p2l", "sift+lbd"): "no instance: 10 points, 0 lines found"}
+    assert result.reasons == {"p2l_sift_lbd": "no instance: 10 points, 0 lines found"}
     assert result.error.tolist() == list(result.associations[0].error)
 
 
-def test_fewer_instances_than_alternatives(skill: Skill, frame: np.ndarray) -> None:
+def test_fewer_instances_than_top_k(skill: Skill, frame: np.ndarray) -> None:
     skill.pipelines["sift"].max_features = 2
     result = skill.infer(frame)
     pair = [association for association in result.associations if association.kernel == "p2p"]
@@ -339,17 +402,17 @@ def test_fewer_instances_than_alternatives(skill: Skill, frame: np.ndarray) -> N
     ],
 )
 @pytest.mark.usefixtures("annotations_unchecked")
-def test_what_is_no_frame_is_refused(skill: Skill, frame: np.ndarray, said: str) -> None:
+def test_infer_refuses_other_arrays(skill: Skill, frame: np.ndarray, said: str) -> None:
     with pytest.raises(InputError, match=rf"^the frame is {said}; expected uint8 \[height, width, 3\], RGB$"):
         skill.infer(frame)
 
 
-def test_the_smallest_frames(skill: Skill) -> None:
+def test_infer_on_the_smallest_frames(skill: Skill) -> None:
     for height, width in ((1, 1), (1, 50), (7, 3)):
         assert skill.infer(np.zeros((height, width, 3), np.uint8)).associations == ()
 
 
-def test_the_node_that_moves_comes_first_and_decides_the_sign(skill: Skill, frame: np.ndarray) -> None:
+def test_moving_node_comes_first_and_decides_the_sign(skill: Skill, frame: np.ndarray) -> None:
     member = skill.members["p2p_sift"]
     node_order = torch.randn(128, generator=torch.Generator().manual_seed(0))
     member.set_node_order(node_order)

@@ -1,4 +1,4 @@
-"""Where features came from and where they end, on the pattern of a moving picture."""
+"""Trajectories of features on a patch that moves over a background by a known amount."""
 
 import cv2
 import numpy as np
@@ -8,12 +8,14 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Trajectory
 from geoskill.tracking.tracks import neighbor_flows
-from geoskill.tracking.trajectories import ANCHORS, trajectories
+from geoskill.tracking.trajectories import trajectories
+from geoskill.tuning import TrajectoryConfig
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
+ANCHORS = TrajectoryConfig().anchors
 FRAMES, STEP = 31, np.array([2.0, 0.0], np.float32)
 HEIGHT, WIDTH = 120, 220
-# At frame 0: on the patch, which moves by STEP a frame until frame REST, and on the background, which does not.
+# Positions in frame 0 on the patch, which moves by STEP per frame until frame REST, and on the resting background.
 ON_PATCH = np.array([[40, 55], [48, 65], [55, 52]], np.float32)
 ON_GROUND = np.array([[30, 25], [120, 60], [180, 100]], np.float32)
 REST = 25
@@ -50,14 +52,16 @@ def feature_set(geometry: np.ndarray, descriptors: np.ndarray, node_type: NodeTy
 
 
 def detections(t: int, patch: bool = True) -> FeatureSet:
-    """What there is in a frame, each with a descriptor of its own."""
+    """Return all features of a frame, each with its own descriptor."""
     geometry = np.concatenate([ON_GROUND, ON_PATCH + moved(t)]) if patch else ON_GROUND
     return feature_set(geometry, np.eye(6, dtype=np.float32)[: len(geometry)])
 
 
-def journeys_of(features: list[FeatureSet], frames: list[np.ndarray], hop: int = 2) -> list[Trajectory]:
+def trajectories_of(
+    features: list[FeatureSet], frames: list[np.ndarray], hop: int = 2, config: TrajectoryConfig | None = None
+) -> list[Trajectory]:
     flows = neighbor_flows(frames, hop, lambda items, text: items)
-    return trajectories(features, flows, hop, HEIGHT)
+    return trajectories(features, flows, hop, HEIGHT, config)
 
 
 def anchor_frames() -> np.ndarray:
@@ -65,67 +69,114 @@ def anchor_frames() -> np.ndarray:
 
 
 @pytest.mark.parametrize("hop", [1, 2, 3])
-def test_everything_detected_all_the_time_is_known_all_the_time(frames: list[np.ndarray], hop: int) -> None:
-    found = journeys_of([detections(t) for t in range(FRAMES)], frames, hop)
-    for t, trajectory in enumerate(found):
+def test_trajectories_of_features_detected_in_every_frame_are_fully_known(frames: list[np.ndarray], hop: int) -> None:
+    result = trajectories_of([detections(t) for t in range(FRAMES)], frames, hop)
+    for t, trajectory in enumerate(result):
         assert trajectory.anchor_xy.shape == (6, ANCHORS, 2)
         assert trajectory.first_known_anchor.tolist() == [0] * 6
         for anchor, a in enumerate(anchor_frames()):
-            seen = t - (t - a) // hop * hop if a <= t else t  # the last whole hop before the anchor
-            np.testing.assert_allclose(trajectory.anchor_xy[3:, anchor], ON_PATCH + moved(seen), atol=1.5)
+            frame = t - (t - a) // hop * hop if a <= t else t  # the last whole hop before the anchor
+            np.testing.assert_allclose(trajectory.anchor_xy[3:, anchor], ON_PATCH + moved(frame), atol=1.5)
             np.testing.assert_allclose(trajectory.anchor_xy[:3, anchor], ON_GROUND, atol=1.5)
 
 
-def test_a_feature_is_known_from_its_first_detection_on(frames: list[np.ndarray]) -> None:
-    """The patch is detected from frame 10 on; where the flow leads before that does not count."""
-    found = journeys_of([detections(t, patch=t >= 10) for t in range(FRAMES)], frames)
+def test_anchors_are_known_from_the_first_detection(frames: list[np.ndarray]) -> None:
+    """The patch is detected from frame 10 on; earlier positions by flow do not count."""
+    result = trajectories_of([detections(t, patch=t >= 10) for t in range(FRAMES)], frames)
     first = int(np.searchsorted(anchor_frames(), 10))
     for t in (20, 30):
-        assert found[t].first_known_anchor.tolist() == [0, 0, 0, first, first, first]
-    # Of frame 11 its own place is all that is known.
-    assert int(found[11].first_known_anchor[3]) in {first, ANCHORS}
+        assert result[t].first_known_anchor.tolist() == [0, 0, 0, first, first, first]
+    # For frame 11, only its own position is known.
+    assert int(result[11].first_known_anchor[3]) in {first, ANCHORS}
 
 
-def test_a_gap_in_the_detections_is_bridged_by_the_flow(frames: list[np.ndarray]) -> None:
-    found = journeys_of([detections(t, patch=not 8 <= t < 16) for t in range(FRAMES)], frames)
-    assert found[24].first_known_anchor.tolist() == [0] * 6
-    np.testing.assert_allclose(found[24].anchor_xy[3:, 0], ON_PATCH, atol=1.5)
+def test_anchors_across_a_gap_in_the_detections_are_known_by_flow(frames: list[np.ndarray]) -> None:
+    result = trajectories_of([detections(t, patch=not 8 <= t < 16) for t in range(FRAMES)], frames)
+    assert result[24].first_known_anchor.tolist() == [0] * 6
+    np.testing.assert_allclose(result[24].anchor_xy[3:, 0], ON_PATCH, atol=1.5)
 
 
-def test_what_looks_otherwise_is_something_else(frames: list[np.ndarray]) -> None:
-    """What lay at the patch's last place before it came is none of its features, although the flow may lead there."""
+def test_anchors_are_unknown_where_descriptors_differ(frames: list[np.ndarray]) -> None:
+    """Features at the final position before the patch arrives are not its own, although flow may lead there."""
     features = []
     for t in range(FRAMES):
         geometry = np.concatenate([ON_GROUND, ON_PATCH + moved(REST)])
-        unlike = np.eye(9, dtype=np.float32)[[0, 1, 2, 3, 4, 5] if t >= REST else [0, 1, 2, 6, 7, 8]]
-        features.append(feature_set(geometry, unlike))
-    found = journeys_of(features, frames)
+        descriptors = np.eye(9, dtype=np.float32)[[0, 1, 2, 3, 4, 5] if t >= REST else [0, 1, 2, 6, 7, 8]]
+        features.append(feature_set(geometry, descriptors))
+    result = trajectories_of(features, frames)
     first = int(np.searchsorted(anchor_frames(), REST))
-    assert found[FRAMES - 1].first_known_anchor.tolist() == [0, 0, 0, first, first, first]
+    assert result[FRAMES - 1].first_known_anchor.tolist() == [0, 0, 0, first, first, first]
 
 
-def test_ends_are_where_the_motion_ends(frames: list[np.ndarray]) -> None:
-    found = journeys_of([detections(t) for t in range(FRAMES)], frames)
+@pytest.mark.parametrize("anchors", [1, 4])
+def test_trajectories_have_as_many_anchors_as_configured(frames: list[np.ndarray], anchors: int) -> None:
+    features = [detections(t) for t in range(FRAMES)]
+    few = trajectories_of(features, frames, config=TrajectoryConfig(anchors=anchors))[FRAMES - 1]
+    usual = trajectories_of(features, frames)[FRAMES - 1]
+    assert few.anchor_xy.shape == (6, anchors, 2)
+    every = (ANCHORS - 1) // max(anchors - 1, 1)
+    np.testing.assert_array_equal(few.anchor_xy, usual.anchor_xy[:, ::every][:, :anchors])
+
+
+@pytest.mark.parametrize(("max_gap_hops", "is_known"), [(4, False), (5, True)])
+def test_anchors_are_unknown_across_a_gap_longer_than_configured(
+    frames: list[np.ndarray], max_gap_hops: int, is_known: bool
+) -> None:
+    """The patch is undetected in frames 8 to 15; frame 16 is five hops after frame 6."""
+    features = [detections(t, patch=not 8 <= t < 16) for t in range(FRAMES)]
+    result = trajectories_of(features, frames, config=TrajectoryConfig(max_gap_hops=max_gap_hops))[16]
+    assert (result.first_known_anchor[3:] == 0).tolist() == [is_known] * 3
+
+
+@pytest.mark.parametrize(("position_tolerance_ratio", "is_known"), [(0.01, False), (0.04, True)])
+def test_anchors_are_known_within_the_configured_tolerance(
+    frames: list[np.ndarray], position_tolerance_ratio: float, is_known: bool
+) -> None:
+    """Until frame 14 a resting feature is detected 3 pixels lower; the tolerances are of 1.2 and 4.8 pixels."""
+    features = [detections(t) for t in range(FRAMES)]
+    for t in range(15):
+        features[t].geometry[1, 1] += 3
+    config = TrajectoryConfig(position_tolerance_ratio=position_tolerance_ratio)
+    first = int(trajectories_of(features, frames, config=config)[FRAMES - 1].first_known_anchor[1])
+    assert (first == 0) is is_known
+
+
+def test_final_positions_are_where_the_motion_ends(frames: list[np.ndarray]) -> None:
+    result = trajectories_of([detections(t) for t in range(FRAMES)], frames)
     for t in (0, 7, 20, FRAMES - 1):
-        assert found[t].final_known[3:].all()
-        np.testing.assert_allclose(found[t].final_xy[3:], ON_PATCH + moved(FRAMES - 1), atol=2.5)  # over 15 hops
-        assert found[t].final_known[0], "nothing passes over it"
-        np.testing.assert_allclose(found[t].final_xy[0], ON_GROUND[0], atol=0.5)
+        assert result[t].final_known[3:].all()
+        np.testing.assert_allclose(result[t].final_xy[3:], ON_PATCH + moved(FRAMES - 1), atol=2.5)  # over 15 hops
+        assert result[t].final_known[0], "nothing passes over it"
+        np.testing.assert_allclose(result[t].final_xy[0], ON_GROUND[0], atol=0.5)
 
 
-def test_what_rests_when_it_is_covered_stays(frames: list[np.ndarray]) -> None:
-    """From frame 20 on a gray sheet covers the left half; what moved until then is lost, what rested is not."""
+@pytest.mark.parametrize(("rest_px", "known"), [(2.0, [True] * 3 + [False] * 3), (500.0, [True] * 6)])
+def test_final_positions_of_covered_features_are_known_if_they_moved_less_than_rest_px(
+    frames: list[np.ndarray], rest_px: float, known: list[bool]
+) -> None:
     covered = [frame.copy() for frame in frames]
     for frame in covered[20:]:
         frame[:, :130] = 90
-    found = journeys_of([detections(t) for t in range(FRAMES)], covered)[4]
-    assert found.final_known[:2].all()
-    np.testing.assert_allclose(found.final_xy[:2], ON_GROUND[:2], atol=0.5)
-    assert not found.final_known[3:].any()
-    np.testing.assert_array_equal(found.final_xy[3:], detections(4).geometry[3:], "unknown, so their own")
+    config = TrajectoryConfig(rest_px=rest_px)
+    result = trajectories_of([detections(t) for t in range(FRAMES)], covered, config=config)[4]
+    assert result.final_known.tolist() == known
 
 
-def test_segments_are_found_again_although_their_ends_come_and_go(frames: list[np.ndarray]) -> None:
+def test_final_positions_of_covered_features_are_known_if_they_rested(frames: list[np.ndarray]) -> None:
+    """From frame 20 on a gray sheet covers the left half, with the moving features and two resting ones."""
+    covered = [frame.copy() for frame in frames]
+    for frame in covered[20:]:
+        frame[:, :130] = 90
+    result = trajectories_of([detections(t) for t in range(FRAMES)], covered)[4]
+    assert result.final_known[:2].all()
+    np.testing.assert_allclose(result.final_xy[:2], ON_GROUND[:2], atol=0.5)
+    assert not result.final_known[3:].any()
+    np.testing.assert_array_equal(
+        result.final_xy[3:], detections(4).geometry[3:], "unknown, so the frame's own geometry"
+    )
+
+
+def test_trajectories_of_segments_with_varying_ends(frames: list[np.ndarray]) -> None:
     def segments(t: int) -> FeatureSet:
         start, end = np.array([38, 52]) + moved(t), np.array([56, 66]) + moved(t)
         cut = 0.15 * (t % 3)  # of the length, from one end
@@ -133,27 +184,30 @@ def test_segments_are_found_again_although_their_ends_come_and_go(frames: list[n
             np.array([[*(start + cut * (end - start)), *end], [20, 20, 60, 24]]), np.eye(2, 4, dtype=np.float32), LINE
         )
 
-    found = journeys_of([segments(t) for t in range(FRAMES)], frames)[24]
-    assert found.anchor_xy.shape == (2, ANCHORS, 4)
-    assert found.first_known_anchor.tolist() == [0, 0]
-    midpoint = found.anchor_xy[0, 0].reshape(2, 2).mean(dim=0)
+    result = trajectories_of([segments(t) for t in range(FRAMES)], frames)[24]
+    assert result.anchor_xy.shape == (2, ANCHORS, 4)
+    assert result.first_known_anchor.tolist() == [0, 0]
+    midpoint = result.anchor_xy[0, 0].reshape(2, 2).mean(dim=0)
     np.testing.assert_allclose(midpoint, [47, 59], atol=3)
 
 
 @pytest.mark.parametrize("hop", [1, 2])
-def test_frames_without_any_feature(frames: list[np.ndarray], hop: int) -> None:
+def test_trajectories_of_frames_without_features(frames: list[np.ndarray], hop: int) -> None:
     features = [FeatureSet.empty(POINT, 6) if t % 3 else detections(t) for t in range(FRAMES)]
-    found = journeys_of(features, frames, hop)
-    assert [len(trajectory.first_known_anchor) for trajectory in found] == [len(each) for each in features]
-    empty = journeys_of([FeatureSet.empty(LINE, 72)] * FRAMES, frames, hop)
+    result = trajectories_of(features, frames, hop)
+    assert [len(trajectory.first_known_anchor) for trajectory in result] == [len(detected) for detected in features]
+    empty = trajectories_of([FeatureSet.empty(LINE, 72)] * FRAMES, frames, hop)
     assert all(trajectory.anchor_xy.shape == (0, ANCHORS, 4) for trajectory in empty)
 
 
-@pytest.mark.parametrize(("difference", "is_known"), [(0.6, True), (0.8, False)])
-def test_alike_means_nearer_than_half_of_what_lies_between_different_features(
-    frames: list[np.ndarray], difference: float, is_known: bool
+@pytest.mark.parametrize(
+    ("similarity_ratio", "difference", "is_known"),
+    [(0.5, 0.6, True), (0.5, 0.8, False), (0.4, 0.6, False), (0.6, 0.8, True)],
+)
+def test_similar_descriptors_differ_by_less_than_a_ratio_of_the_median_difference(
+    frames: list[np.ndarray], similarity_ratio: float, difference: float, is_known: bool
 ) -> None:
-    """Different features are 1.41 apart; from frame 14 on, one of them differs by this much from what it was."""
+    """Different features are 1.41 apart; from frame 14 on, one of them differs from its past by ``difference``."""
     features = []
     cosine = 1 - difference**2 / 2
     for t in range(FRAMES):
@@ -161,5 +215,6 @@ def test_alike_means_nearer_than_half_of_what_lies_between_different_features(
         if t >= 14:
             descriptors[3] = [0, 0, 0, cosine, np.sqrt(1 - cosine**2), 0]
         features.append(feature_set(np.concatenate([ON_GROUND, ON_PATCH[:1] + moved(t)]), descriptors))
-    since = 0 if is_known else int(np.searchsorted(anchor_frames(), 14))
-    assert journeys_of(features, frames)[FRAMES - 1].first_known_anchor.tolist() == [0, 0, 0, since]
+    first = 0 if is_known else int(np.searchsorted(anchor_frames(), 14))
+    result = trajectories_of(features, frames, config=TrajectoryConfig(similarity_ratio=similarity_ratio))[FRAMES - 1]
+    assert result.first_known_anchor.tolist() == [0, 0, 0, first]

@@ -1,4 +1,4 @@
-"""The usual lead of a whole demonstration, and what a finished skill makes of it."""
+"""The reference margin of the confidence, fitted to a demonstration."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from geoskill.training.calibration import fit_reference_margin
 Training = Any
 
 
-def test_it_is_the_median_over_the_frames(training: Training) -> None:
+def test_reference_margin_is_the_median_over_the_frames(training: Training) -> None:
     demonstration, members = training.demonstration, training.members()
     fit_reference_margin(members, demonstration)
     for name, member in members.items():
@@ -24,18 +24,10 @@ def test_it_is_the_median_over_the_frames(training: Training) -> None:
         assert not member.reference_margin.requires_grad
 
 
-def test_it_is_that_of_the_scores_that_a_skill_uses(training: Training) -> None:
-    """Which, of more instances than a cascade looks at, are partly estimates."""
-    model = {
-        "_target_": "geoskill.model.message_passing.MessagePassing",
-        "_partial_": True,
-        "hidden_dim": 8,
-        "layers": 2,
-        "shared_weights": True,
-        "read_out": "product",
-        "cascade": 3,
-    }
-    members = training.members(model)
+def test_reference_margin_is_of_the_scores_that_a_skill_uses(training: Training) -> None:
+    """Scores of more instances than a cascade takes are partly estimates."""
+    model = {"name": "message_passing", "hidden_dim": 8, "layers": 2, "encoder_dim": None, "prototypes": None}
+    members = training.members({**model, "cascade": 3})
     name, member = next(iter(members.items()))
     fit_reference_margin(members, training.demonstration)
     graphs = list(training.demonstration.frames(name))

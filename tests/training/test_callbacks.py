@@ -1,8 +1,6 @@
 """The table of curves, and a checkpoint from which training goes on exactly as it would have."""
 
 import csv
-import signal
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -43,14 +41,6 @@ def whole(training: Training, tmp_path_factory: pytest.TempPathFactory) -> Whole
     return Whole(folder, table, flat(module))
 
 
-@pytest.fixture
-def interrupts() -> Iterator[None]:
-    """Lightning switches Ctrl-C off when it is interrupted."""
-    handler = signal.getsignal(signal.SIGINT)
-    yield
-    signal.signal(signal.SIGINT, handler)
-
-
 @final
 class InterruptAt(Callback):
     """Ctrl-C at the end of a step."""
@@ -63,7 +53,7 @@ class InterruptAt(Callback):
             raise KeyboardInterrupt
 
 
-def test_two_halves_make_the_whole(training: Training, whole: Whole, tmp_path: Path) -> None:
+def test_resumed_run_equals_the_unbroken_run(training: Training, whole: Whole, tmp_path: Path) -> None:
     training.run(training.module(), tmp_path / "first", epochs=2)
     module = training.module()
     table = training.run(module, tmp_path / "second", epochs=4, resume=tmp_path / "first" / "skill.ckpt")
@@ -73,7 +63,7 @@ def test_two_halves_make_the_whole(training: Training, whole: Whole, tmp_path: P
 
 
 @pytest.mark.parametrize("step", [7, 9])
-def test_interrupted_in_the_third_epoch(
+def test_resume_after_an_interruption_in_the_third_epoch(
     training: Training, whole: Whole, tmp_path: Path, interrupts: None, step: int
 ) -> None:
     with pytest.raises(SystemExit):
@@ -87,7 +77,9 @@ def test_interrupted_in_the_third_epoch(
     assert torch.equal(flat(module), whole.weights)
 
 
-def test_interrupted_in_the_first_epoch(training: Training, whole: Whole, tmp_path: Path, interrupts: None) -> None:
+def test_resume_after_an_interruption_in_the_first_epoch(
+    training: Training, whole: Whole, tmp_path: Path, interrupts: None
+) -> None:
     with pytest.raises(SystemExit):
         training.run(training.module(), tmp_path / "first", epochs=4, callbacks=[InterruptAt(2)])
     assert not (tmp_path / "first" / "metrics.csv").exists()
@@ -102,7 +94,7 @@ def test_interrupted_in_the_first_epoch(training: Training, whole: Whole, tmp_pa
     assert torch.equal(flat(module), whole.weights)
 
 
-def test_interrupted_twice(training: Training, whole: Whole, tmp_path: Path, interrupts: None) -> None:
+def test_resume_after_two_interruptions(training: Training, whole: Whole, tmp_path: Path, interrupts: None) -> None:
     """The second time right after it went on, in the same folder as the first."""
     for resume, step in ((None, 7), (tmp_path / "run" / "skill.ckpt", 7), (tmp_path / "run" / "skill.ckpt", 11)):
         with pytest.raises(SystemExit):
@@ -113,7 +105,7 @@ def test_interrupted_twice(training: Training, whole: Whole, tmp_path: Path, int
     assert torch.equal(flat(module), whole.weights)
 
 
-def test_resuming_what_is_complete_changes_nothing(training: Training, whole: Whole, tmp_path: Path) -> None:
+def test_resume_of_a_complete_run_changes_nothing(training: Training, whole: Whole, tmp_path: Path) -> None:
     module = training.module()
     table = training.run(module, tmp_path / "again", epochs=4, resume=whole.folder / "skill.ckpt")
     assert table.rows == whole.table.rows
@@ -121,7 +113,7 @@ def test_resuming_what_is_complete_changes_nothing(training: Training, whole: Wh
 
 
 @pytest.mark.slow
-def test_patience_goes_on_counting(training: Training, tmp_path: Path) -> None:
+def test_early_stopping_goes_on_counting_after_resume(training: Training, tmp_path: Path) -> None:
     """Without any progress large enough, training stops after the second epoch without one, resumed or not."""
 
     def stopping() -> EarlyStopping:
@@ -140,7 +132,7 @@ def test_patience_goes_on_counting(training: Training, tmp_path: Path) -> None:
     assert resumed.rows == at_once.rows
 
 
-def test_the_table_has_a_row_for_each_step_and_a_column_for_each_figure(whole: Whole) -> None:
+def test_metrics_table_has_a_row_for_each_step_and_a_column_for_each_metric(whole: Whole) -> None:
     with (whole.folder / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["step"], row["epoch"]) for row in rows] == [(str(i + 1), str(i // 3)) for i in range(12)]
@@ -156,7 +148,7 @@ def test_the_table_has_a_row_for_each_step_and_a_column_for_each_figure(whole: W
     assert sorted(path.name for path in whole.folder.iterdir()) == ["metrics.csv", "skill.ckpt"]
 
 
-def test_the_rows_travel_with_the_state(tmp_path: Path) -> None:
+def test_metrics_table_state_holds_the_rows(tmp_path: Path) -> None:
     first, second = MetricsTable(tmp_path / "a.csv"), MetricsTable(tmp_path / "b.csv")
     first.rows.append({"step": 1, "p2p_sift/reward": 0.25})
     state = first.state_dict()
@@ -167,7 +159,7 @@ def test_the_rows_travel_with_the_state(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rank", [0, 1])
-def test_only_the_first_process_writes_the_table(tmp_path: Path, rank: int) -> None:
+def test_metrics_table_is_written_by_the_first_process_only(tmp_path: Path, rank: int) -> None:
     table = MetricsTable(tmp_path / "metrics.csv")
     trainer = Mock(
         spec=Trainer,
@@ -187,7 +179,7 @@ def test_only_the_first_process_writes_the_table(tmp_path: Path, rank: int) -> N
         assert table.path.read_text().split() == ["step,epoch,p2p_sift/reward", "1,0,0.25"]
 
 
-def test_a_checkpoint_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
+def test_resumable_checkpoint_that_cannot_be_written_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "skill.ckpt"
     path.write_bytes(b"old")
 

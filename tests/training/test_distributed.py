@@ -28,7 +28,7 @@ def train(demonstration: Path, *overrides: str, options: tuple[str, ...] = ()) -
             f"task.path={demonstration}",
             "features.min_side=0",
             "features.max_features=10",
-            "demonstration.horizon=0.6",
+            "demonstration.max_span_ratio=0.6",
             "cache.enabled=false",
             "trainer.max_epochs=1",
             "trainer.enable_progress_bar=false",
@@ -44,7 +44,7 @@ def train(demonstration: Path, *overrides: str, options: tuple[str, ...] = ()) -
 
 
 @pytest.mark.slow
-def test_two_processes_make_one_run(demonstration_folder: Path, tmp_path: Path) -> None:
+def test_ddp_in_two_processes_makes_one_run(demonstration_folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     finished = train(demonstration_folder, f"hydra.run.dir={run}")
     assert (finished.returncode, finished.stdout.strip()) == (0, str(run)), finished.stderr
@@ -73,7 +73,7 @@ def test_two_processes_make_one_run(demonstration_folder: Path, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_sweep_refuses_several_processes(demonstration_folder: Path, tmp_path: Path) -> None:
+def test_sweep_refuses_several_processes(demonstration_folder: Path, tmp_path: Path) -> None:
     finished = train(demonstration_folder, "seed=0,1", f"hydra.sweep.dir={tmp_path}", options=("-m",))
     assert finished.returncode == 2
     assert "trainer.devices=2 in a sweep; expected one process for each of its runs" in finished.stderr

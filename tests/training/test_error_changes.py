@@ -1,4 +1,4 @@
-"""How control errors change over a transition, by hand, and the scale of the reward that follows."""
+"""Changes of control errors over a transition by hand, and the scale of the reward fitted to them."""
 
 import math
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from geoskill.config import ObjectiveConfig
 from geoskill.data.demonstration import Demonstration
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
@@ -20,7 +21,6 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.objective.goal import goal_progress
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.tracking.motion import Displacement, Trajectory
 from geoskill.training.error_changes import error_changes, fit_reward_scale, instance_goal_progress
 
@@ -33,66 +33,66 @@ EXTRACTORS = {POINT: "sift", LINE: "lbd"}
 
 
 def member_of(kernel: Kernel) -> KernelModel:
-    extractors = {kind: EXTRACTORS[kind] for kind in dict.fromkeys(kernel.roles)}
+    extractors = {node_type: EXTRACTORS[node_type] for node_type in dict.fromkeys(kernel.roles)}
     return KernelModel(kernel, extractors, Bilinear(Motif.of(kernel, dict.fromkeys(extractors, 4)), hidden_dim=2))
 
 
 def graph_of(
     kernel: Kernel, nodes: dict[NodeType, tuple[list[list[float]], list[list[float]], list[bool]]]
 ) -> MotifGraph:
-    """For each node type: geometry, where it moved, whether it was followed."""
+    """Build a graph from the geometry, next geometry and tracked flags of each node type."""
     features = {
-        kind: FeatureSet(
-            kind,
+        node_type: FeatureSet(
+            node_type,
             np.eye(len(geometry), 4, dtype=np.float32),
             np.array(geometry, np.float32),
             np.zeros(len(geometry), np.float32),
         )
-        for kind, (geometry, _, _) in nodes.items()
+        for node_type, (geometry, _, _) in nodes.items()
     }
     motion = {
-        kind: Displacement(torch.tensor(moved, dtype=torch.float32), torch.tensor(followed))
-        for kind, (_, moved, followed) in nodes.items()
+        node_type: Displacement(torch.tensor(moved, dtype=torch.float32), torch.tensor(tracked))
+        for node_type, (_, moved, tracked) in nodes.items()
     }
     return motif_graph(kernel, features, motion)
 
 
-def three_points(followed: list[bool]) -> MotifGraph:
+def three_points(tracked: list[bool]) -> MotifGraph:
     """The first comes 5 px closer to the second, 10 px away; the third, 24 px below the first, stays."""
-    return graph_of(PointToPoint(), {POINT: ([[0, 0], [10, 0], [0, 24]], [[5, 0], [10, 0], [0, 24]], followed)})
+    return graph_of(PointToPoint(), {POINT: ([[0, 0], [10, 0], [0, 24]], [[5, 0], [10, 0], [0, 24]], tracked)})
 
 
-def test_absolute_changes_of_three_points() -> None:
+def test_error_changes_absolute_by_hand() -> None:
     # 10 -> 5; 24 -> sqrt(601); 26 -> 26
     changes = error_changes(member_of(PointToPoint()), three_points([True] * 3), "absolute")
     torch.testing.assert_close(changes, torch.tensor([-5.0, 601**0.5 - 24, 0.0]))
 
 
-def test_relative_changes_of_three_points() -> None:
+def test_error_changes_relative_by_hand() -> None:
     # Over the sum of both and 4 px, the resolution of p2p being 1 px.
     changes = error_changes(member_of(PointToPoint()), three_points([True] * 3), "relative")
     far = (601**0.5 - 24) / (601**0.5 + 24 + 4)
     torch.testing.assert_close(changes, torch.tensor([-5 / 19, far, 0.0]))
 
 
-@pytest.mark.parametrize("kind", ["absolute", "relative"])
-def test_what_was_not_followed_does_not_change(kind: Any) -> None:
+@pytest.mark.parametrize("change", ["absolute", "relative"])
+def test_error_changes_are_zero_without_tracking(change: Any) -> None:
     member = member_of(PointToPoint())
-    full = error_changes(member, three_points([True] * 3), kind)
+    full = error_changes(member, three_points([True] * 3), change)
     assert (full[:2].abs() > 0.005).all()
-    for followed, known in (
+    for tracked, known in (
         ([False, True, True], [False, False, True]),
         ([True, False, True], [False, True, False]),
         ([True, True, False], [True, False, False]),
         ([False, False, False], [False, False, False]),
     ):
-        changes = error_changes(member, three_points(followed), kind)
+        changes = error_changes(member, three_points(tracked), change)
         assert torch.equal(changes, torch.where(torch.tensor(known), full, 0.0))
 
 
-def test_both_types_of_a_mixed_kernel_must_be_followed() -> None:
+def test_error_changes_need_both_node_types_tracked() -> None:
     kernel = PointToLine()
-    # A point comes from 8 to 3 px above a line, and from 6 to 1 px above a second one that was not followed.
+    # A point comes from 8 to 3 px above a line, and from 6 to 1 px above a second one that was not tracked.
     lines = [[0, 8, 20, 8], [0, 6, 20, 6]]
     graph = graph_of(kernel, {POINT: ([[4, 0]], [[4, 5]], [True]), LINE: (lines, lines, [True, False])})
     torch.testing.assert_close(error_changes(member_of(kernel), graph, "absolute"), torch.tensor([-5.0, 0.0]))
@@ -105,58 +105,56 @@ def approach(span_index: int, start: float, end: float) -> MotifGraph:
     return graph
 
 
-def test_each_span_has_its_own_beta(hand_made: HandMade) -> None:
+def test_reward_scale_has_one_beta_per_span(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
     demonstration = hand_made(
         (2, 4, 8),
         [
             approach(0, 10, 8),
             approach(0, 10, 4),
-            approach(0, 10, 9.5),  # at rest: half a pixel is below the resolution
+            approach(0, 10, 9.5),  # at rest, half a pixel being below the resolution
             approach(1, 30, 24),
             approach(1, 30, 42),
             approach(2, 20, 20.25),  # nothing moves over this span
         ],
     )
-    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="absolute", beta_scale=3.0))
+    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig(change="absolute", beta_scale=3.0))
     assert member.spans.tolist() == [2, 4, 8]
     # 3 over the medians (2 + 6) / 2 and (6 + 12) / 2
     torch.testing.assert_close(member.beta, torch.tensor([3 / 4, 3 / 9, 0.0]))
 
 
-def test_relative_changes_are_scaled_by_what_moves_in_pixels(hand_made: HandMade) -> None:
+def test_reward_scale_uses_instances_that_move_in_pixels(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
     # The first pair moves by half a pixel only, though that is a large part of its distance.
     demonstration = hand_made((2,), [approach(0, 0.6, 0.1), approach(0, 20, 10), approach(0, 40, 20)])
-    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings(change="relative", beta_scale=1.5))
+    fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig(change="relative", beta_scale=1.5))
     median = (10 / 34 + 20 / 64) / 2
     torch.testing.assert_close(member.beta, torch.tensor([1.5 / median]))
 
 
-def test_nothing_moves(hand_made: HandMade) -> None:
+def test_reward_scale_rejects_a_demonstration_at_rest(hand_made: HandMade) -> None:
     member = member_of(PointToPoint())
     demonstration = hand_made((2, 4), [approach(0, 10, 9.5), approach(1, 30, 30)])
     with pytest.raises(
         InputError,
         match=r"^nothing moves in the demonstration: no p2p_sift association .* more than 1; expected a video",
     ):
-        fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveSettings())
+        fit_reward_scale({"p2p_sift": member}, demonstration, ObjectiveConfig())
     assert member.beta.shape == (0,)
 
 
-def test_a_video_at_rest_is_refused(
+def test_reward_scale_rejects_a_video_at_rest(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...]
 ) -> None:
-    still = type(training_of("p2p_sift"))([demonstration_frames[4]] * 5, training_of("p2p_sift").description)
+    still = type(training_of("p2p_sift"))([demonstration_frames[4]] * 5, training_of("p2p_sift").spec)
     with pytest.raises(InputError, match="nothing moves in the demonstration"):
         still.module()
 
 
-def test_the_median_mover_of_a_demonstration_earns_the_announced_reward(
-    training: Training, demonstration: Demonstration
-) -> None:
+def test_reward_scale_gives_the_median_change_its_reward(training: Training, demonstration: Demonstration) -> None:
     members = training.members()
-    fit_reward_scale(members, demonstration, ObjectiveSettings(beta_scale=1.5))
+    fit_reward_scale(members, demonstration, ObjectiveConfig(beta_scale=1.5))
     for name, member in members.items():
         for span_index, beta in enumerate(member.beta):
             sizes = []
@@ -169,57 +167,66 @@ def test_the_median_mover_of_a_demonstration_earns_the_announced_reward(
             assert float(rewards.quantile(0.5)) == pytest.approx(np.tanh(0.75), rel=1e-3)
 
 
-def traveled(
+def graph_with_trajectories(
     trajectory: dict[NodeType, Trajectory], kernel: Kernel, geometry: dict[NodeType, list[list[float]]]
 ) -> MotifGraph:
-    """A frame's graph with trajectories, without motions."""
+    """Build a frame's graph with trajectories and without displacements."""
     features = {
-        kind: FeatureSet(
-            kind, np.eye(len(rows), 4, dtype=np.float32), np.array(rows, np.float32), np.zeros(len(rows), np.float32)
+        node_type: FeatureSet(
+            node_type,
+            np.eye(len(rows), 4, dtype=np.float32),
+            np.array(rows, np.float32),
+            np.zeros(len(rows), np.float32),
         )
-        for kind, rows in geometry.items()
+        for node_type, rows in geometry.items()
     }
     return motif_graph(kernel, features, trajectory=trajectory)
 
 
-def test_arrivals_by_hand() -> None:
-    """Two anchors. The first point comes from (0, 0), known since the first; the second rests at (100, 0), known since
-    the second; the third is known at none, and that the fourth arrives anywhere is not known."""
-    here = [[40.0, 0], [100, 0], [100, 50], [0, 100]]
-    places = torch.tensor([[[0.0, 0], [10, 0]], [[100, 0], [100, 0]], [[100, 50], [100, 50]], [[0, 100], [0, 100]]])
+def test_instance_goal_progress_by_hand() -> None:
+    """Two anchors. The first point comes from (0, 0) and is known since the first anchor; the second rests at (100, 0)
+    and is known since the second; the third is known at no anchor, and the end of the fourth is unknown."""
+    xy = [[40.0, 0], [100, 0], [100, 50], [0, 100]]
+    anchor_xy = torch.tensor([[[0.0, 0], [10, 0]], [[100, 0], [100, 0]], [[100, 50], [100, 50]], [[0, 100], [0, 100]]])
     final = torch.tensor([[97.0, 0], [100, 0], [100, 50], [0, 100]])
-    trajectory = Trajectory(places, torch.tensor([0, 1, 2, 0]), final, torch.tensor([True, True, True, False]))
-    graph = traveled({POINT: trajectory}, PointToPoint(), {POINT: here})
+    trajectory = Trajectory(anchor_xy, torch.tensor([0, 1, 2, 0]), final, torch.tensor([True, True, True, False]))
+    graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: xy})
     values = instance_goal_progress(member_of(PointToPoint()), graph).tolist()
-    earned_by = dict(zip(map(tuple, graph.instance_index.T.tolist()), values, strict=True))
+    progress_of = dict(zip(map(tuple, graph.instance_index.T.tolist()), values, strict=True))
 
-    def earned(before: float, after: float) -> float:
+    def expected_progress(before: float, after: float) -> float:
         return float(
             goal_progress(torch.tensor([float(before)]), torch.tensor([float(after)]), torch.tensor([True]), 1.0)
         )
 
-    assert earned_by[0, 1] == pytest.approx(earned(90, 3)), "90 px at the second anchor, 60 px now, 3 px in the end"
-    assert earned_by[0, 2] == pytest.approx(earned(math.hypot(60, 50), math.hypot(3, 50))), "its past is unknown"
-    assert earned_by[1, 2] == pytest.approx(0, abs=1e-6), "both rest"
-    assert earned_by[0, 3] == earned_by[1, 3] == earned_by[2, 3] == 0
-
-
-def test_an_association_that_was_nearer_once_still_counts_from_where_it_is() -> None:
-    places = torch.tensor([[[95.0, 0]], [[100, 0]]])
-    trajectory = Trajectory(
-        places, torch.tensor([0, 0]), torch.tensor([[100.0, 0], [100, 0]]), torch.tensor([True, True])
+    assert progress_of[0, 1] == pytest.approx(expected_progress(90, 3)), (
+        "90 px at the second anchor, 60 px now, 3 px in the end"
     )
-    graph = traveled({POINT: trajectory}, PointToPoint(), {POINT: [[20.0, 0], [100, 0]]})
+    assert progress_of[0, 2] == pytest.approx(expected_progress(math.hypot(60, 50), math.hypot(3, 50))), (
+        "its past is unknown"
+    )
+    assert progress_of[1, 2] == pytest.approx(0, abs=1e-6), "both rest"
+    assert progress_of[0, 3] == progress_of[1, 3] == progress_of[2, 3] == 0
+
+
+def test_instance_goal_progress_counts_from_the_larger_error() -> None:
+    anchor_xy = torch.tensor([[[95.0, 0]], [[100, 0]]])
+    trajectory = Trajectory(
+        anchor_xy, torch.tensor([0, 0]), torch.tensor([[100.0, 0], [100, 0]]), torch.tensor([True, True])
+    )
+    graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: [[20.0, 0], [100, 0]]})
     expected = goal_progress(torch.tensor([80.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
     torch.testing.assert_close(instance_goal_progress(member_of(PointToPoint()), graph), expected)
 
 
-def test_arrivals_of_a_point_at_a_line() -> None:
+def test_instance_goal_progress_of_a_point_and_a_line() -> None:
     """A point 30 px above a horizontal line; it was 50 px above it, and ends 2 px below."""
     points = Trajectory(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), torch.tensor([True]))
     line = torch.tensor([[0.0, 0, 10, 0]])
     lines = Trajectory(line[:, None], torch.tensor([0]), line, torch.tensor([True]))
-    graph = traveled({POINT: points, LINE: lines}, PointToLine(), {POINT: [[5.0, -30]], LINE: line.tolist()})
+    graph = graph_with_trajectories(
+        {POINT: points, LINE: lines}, PointToLine(), {POINT: [[5.0, -30]], LINE: line.tolist()}
+    )
     member = member_of(PointToLine())
     expected = goal_progress(torch.tensor([50.0]), torch.tensor([2.0]), torch.tensor([True]), member.kernel.resolution)
     torch.testing.assert_close(instance_goal_progress(member, graph), expected)

@@ -11,14 +11,15 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geoskill.skill.skill import Skill, read_checkpoint
+from geoskill.skill.checkpoint import read_skill
+from geoskill.skill.skill import Skill
 from geoskill.training.callbacks import MetricsTable
 
 # A `Training` is what the fixtures of conftest.py make; see there.
 Training = Any
 
 P2P, P2L = "p2p_sift", "p2l_sift_lbd"
-BILINEAR = {"_target_": "geoskill.model.bilinear.Bilinear", "_partial_": True, "hidden_dim": 8}
+BILINEAR = {"name": "bilinear", "hidden_dim": 8}
 
 
 def flat(module: nn.Module) -> Tensor:
@@ -29,7 +30,7 @@ def column(table: MetricsTable, name: str) -> np.ndarray:
     return np.array([row[name] for row in table.rows])
 
 
-def test_it_learns_to_join_what_moves_together_to_its_target(
+def test_training_learns_to_join_the_moving_tile_with_its_target(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
     training = training_of(P2P)
@@ -50,7 +51,7 @@ def test_it_learns_to_join_what_moves_together_to_its_target(
     assert right >= 17  # of 20; about a third of all instances join the two tiles
 
 
-def test_an_ensemble_learns_what_its_members_learn_alone(
+def test_ensemble_learns_what_its_members_learn_alone(
     training: Training, training_of: Callable[..., Training], tmp_path: Path
 ) -> None:
     together = training.module()
@@ -66,7 +67,7 @@ def test_an_ensemble_learns_what_its_members_learn_alone(
             assert np.array_equal(column(table, f"{name}/{quantity}"), column(both, f"{name}/{quantity}"))
 
 
-def test_the_noise_of_members_steps_and_processes_differs(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_differs_between_members_steps_and_processes(training: Training, monkeypatch: pytest.MonkeyPatch) -> None:
     module = training.module()
     place = {"step": 0, "rank": 0}
     monkeypatch.setattr(type(module), "global_step", property(lambda self: place["step"]))
@@ -108,7 +109,7 @@ def gradient_norm(module: nn.Module) -> float:
 
 
 @pytest.mark.parametrize(("algorithm", "limit", "order"), [("norm", 1e-3, 2), ("value", 1e-5, float("inf"))])
-def test_the_trainer_clips_by_norm_or_by_value(
+def test_gradients_are_clipped_by_norm_or_by_value(
     training: Training, tmp_path: Path, algorithm: str, limit: float, order: float
 ) -> None:
     """Plain descent of rate 1 moves the weights by the clipped gradient."""
@@ -126,7 +127,7 @@ def test_the_trainer_clips_by_norm_or_by_value(
         assert float((flat(member) - before[name]).norm(order)) == pytest.approx(limit, rel=1e-2)
 
 
-def test_the_reward_scale_is_part_of_the_checkpoint(training: Training, tmp_path: Path) -> None:
+def test_reward_scale_is_part_of_the_checkpoint(training: Training, tmp_path: Path) -> None:
     module = training.module()
     training.run(module, tmp_path, epochs=1)
     skill = Skill.load(tmp_path / "skill.ckpt")
@@ -136,13 +137,13 @@ def test_the_reward_scale_is_part_of_the_checkpoint(training: Training, tmp_path
         assert (member.beta > 0).all()
 
 
-def test_a_checkpoint_holds_plain_types_only(training: Training, tmp_path: Path) -> None:
+def test_checkpoint_holds_plain_types_only(training: Training, tmp_path: Path) -> None:
     training.run(training.module(), tmp_path, epochs=1)
     checkpoint = torch.load(tmp_path / "skill.ckpt", weights_only=True)
     strange = set(types_within(checkpoint)) - {dict, list, tuple, str, int, float, bool, type(None), Tensor}
     # `state_dict()` of PyTorch gives an OrderedDict.
     assert {kind.__name__ for kind in strange} <= {"OrderedDict"}
-    assert read_checkpoint(tmp_path / "skill.ckpt")["skill"] == training.description
+    assert read_skill(tmp_path / "skill.ckpt").spec == training.spec
     assert "hyper_parameters" not in checkpoint
 
 
@@ -207,19 +208,19 @@ def test_monte_carlo_samples_are_repeatable(training: Training, tmp_path: Path) 
     assert torch.equal(*learned)
 
 
-def test_frames_without_any_feature_do_no_harm(
+def test_frames_without_features_do_no_harm(
     training: Training, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
     frames = list(demonstration_frames[:10])
     for number in (0, 3, 9):
         frames[number] = np.full_like(frames[number], 128)
-    gappy = type(training)(frames, training.description)
+    gappy = type(training)(frames, training.spec)
     module = gappy.module()
     table = gappy.run(module, tmp_path, epochs=2, limit_train_batches=1.0)
     assert all(np.isfinite(list(row.values())).all() for row in table.rows)
     assert torch.isfinite(flat(module)).all()
 
 
-def test_a_long_demonstration_does_not_make_an_epoch_longer(training: Training, tmp_path: Path) -> None:
+def test_limit_train_batches_bounds_an_epoch(training: Training, tmp_path: Path) -> None:
     table = training.run(training.module(), tmp_path, epochs=2, limit_train_batches=2)
     assert [(row["step"], row["epoch"]) for row in table.rows] == [(1, 0), (2, 0), (3, 1), (4, 1)]

@@ -1,4 +1,4 @@
-"""Which node of an association moves: against plain least squares, by hand, and on a whole demonstration."""
+"""The order of nodes: against plain least squares, by hand, and on a demonstration."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from geoskill.config import ObjectiveConfig
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, motif_graph
@@ -16,31 +17,32 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.objective.inmaxent import ObjectiveSettings
 from geoskill.tracking.motion import Displacement
-from geoskill.training.node_order import LEAST_NOISE, fit_node_order
+from geoskill.training.node_order import MIN_NOISE, fit_node_order
 
 # What the fixtures of conftest.py make; see there.
 Training = Any
 HandMade = Any
 
 WIDTH = 4
-OBJECTIVE = ObjectiveSettings()
+OBJECTIVE = ObjectiveConfig()
 
 
 def member_of(kernel: Kernel, beta: float = 2.0) -> KernelModel:
-    extractors = {kind: str(kind) for kind in dict.fromkeys(kernel.roles)}
+    extractors = {node_type: str(node_type) for node_type in dict.fromkeys(kernel.roles)}
     member = KernelModel(kernel, extractors, Bilinear(Motif.of(kernel, dict.fromkeys(extractors, WIDTH)), hidden_dim=2))
     member.set_reward_scale(torch.tensor([2]), torch.tensor([beta]))
     return member
 
 
 def graph_of(kernel: Kernel, descriptors: np.ndarray, before: np.ndarray, after: np.ndarray) -> MotifGraph:
-    """One frame whose features are followed from ``before`` to ``after``, of the kernel's only node type."""
-    kind = kernel.roles[0]
-    features = FeatureSet(kind, descriptors.astype(np.float32), before.astype(np.float32), np.zeros(len(before), "f4"))
+    """Build a frame whose features, of the kernel's only node type, are tracked from ``before`` to ``after``."""
+    node_type = kernel.roles[0]
+    features = FeatureSet(
+        node_type, descriptors.astype(np.float32), before.astype(np.float32), np.zeros(len(before), "f4")
+    )
     motion = Displacement(torch.tensor(after, dtype=torch.float32), torch.ones(len(after), dtype=torch.bool))
-    graph = motif_graph(kernel, {kind: features}, {kind: motion})
+    graph = motif_graph(kernel, {node_type: features}, {node_type: motion})
     graph.span_index = torch.tensor([0])
     return graph
 
@@ -50,7 +52,7 @@ def unit(rows: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
-def test_it_is_the_weighted_ridge_regression(noise: float, hand_made: HandMade) -> None:
+def test_node_order_is_the_weighted_ridge_regression(noise: float, hand_made: HandMade) -> None:
     random = np.random.default_rng(0)
     kernel = PointToPoint()
     scenes = [
@@ -63,38 +65,38 @@ def test_it_is_the_weighted_ridge_regression(noise: float, hand_made: HandMade) 
     )
     rows, wanted, weights = [], [], []
     for descriptors, before, after in scenes:
-        way = np.linalg.norm(after - before, axis=1)
+        distance = np.linalg.norm(after - before, axis=1)
         for i in range(5):
             for j in range(i + 1, 5):
                 old, new = np.linalg.norm(before[i] - before[j]), np.linalg.norm(after[i] - after[j])
                 rows.append(descriptors[i] - descriptors[j])
-                wanted.append((way[i] - way[j]) / (way[i] + way[j] + 4))
+                wanted.append((distance[i] - distance[j]) / (distance[i] + distance[j] + 4))
                 weights.append(max(0.0, np.tanh((old - new) / (old + new + 4))))
     x, y, w = np.array(rows), np.array(wanted), np.array(weights)
-    ridge = 2 * w.sum() * max(noise, LEAST_NOISE) ** 2 / WIDTH
+    ridge = 2 * w.sum() * max(noise, MIN_NOISE) ** 2 / WIDTH
     expected = np.linalg.solve(x.T @ (w[:, None] * x) + ridge * np.eye(WIDTH), x.T @ (w * y))
     np.testing.assert_allclose(member.node_order.numpy(), expected, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), LineToLine()], ids=lambda kernel: kernel.name)
-@pytest.mark.parametrize("node_order", [0, 1])
-def test_the_one_that_comes_is_listed_first_whatever_the_order_of_features(
-    kernel: Kernel, node_order: int, hand_made: HandMade
+@pytest.mark.parametrize("moving", [0, 1])
+def test_moving_node_first_does_not_depend_on_the_order_of_features(
+    kernel: Kernel, moving: int, hand_made: HandMade
 ) -> None:
     width = kernel.roles[0].geometry_dim
     before = np.array([[10.0, 10.0, 30.0, 10.0], [12.0, 60.0, 33.0, 60.0]])[:, :width]
     after = before.copy()
-    after[node_order, 1::2] = before[1 - node_order, 1::2] + 1.0
+    after[moving, 1::2] = before[1 - moving, 1::2] + 1.0
     descriptors = np.eye(2, WIDTH)
     member = member_of(kernel)
     fit_node_order({"member": member}, hand_made((2,), [graph_of(kernel, descriptors, before, after)]), OBJECTIVE, 0.5)
     for order in ([0, 1], [1, 0]):
         graph = graph_of(kernel, descriptors[order], before[order], after[order])
         first = int(member.moving_node_first(graph, graph.instance_index)[0, 0])
-        assert order[first] == node_order
+        assert order[first] == moving
 
 
-def test_what_is_not_known_stays_in_the_order_in_which_it_is_listed(hand_made: HandMade) -> None:
+def test_moving_node_first_without_node_order_keeps_the_order(hand_made: HandMade) -> None:
     before, after = np.array([[0.0, 0.0], [9.0, 0.0]]), np.array([[5.0, 0.0], [9.0, 0.0]])
     kernel = PointToPoint()
     graph = graph_of(kernel, np.eye(2, WIDTH), before, after)
@@ -108,18 +110,18 @@ def test_what_is_not_known_stays_in_the_order_in_which_it_is_listed(hand_made: H
     )
 
 
-def test_frames_without_features_say_nothing(hand_made: HandMade) -> None:
+def test_node_order_ignores_frames_without_features(hand_made: HandMade) -> None:
     kernel = PointToPoint()
     before, after = np.array([[0.0, 0.0], [9.0, 0.0]]), np.array([[5.0, 0.0], [9.0, 0.0]])
     full = graph_of(kernel, np.eye(2, WIDTH), before, after)
     empty = graph_of(kernel, np.zeros((0, WIDTH)), before[:0], after[:0])
-    with_it, without = member_of(kernel), member_of(kernel)
-    fit_node_order({"member": with_it}, hand_made((2,), [empty, full, empty]), OBJECTIVE, 0.5)
+    with_empty, without = member_of(kernel), member_of(kernel)
+    fit_node_order({"member": with_empty}, hand_made((2,), [empty, full, empty]), OBJECTIVE, 0.5)
     fit_node_order({"member": without}, hand_made((2,), [full]), OBJECTIVE, 0.5)
-    torch.testing.assert_close(with_it.node_order, without.node_order)
+    torch.testing.assert_close(with_empty.node_order, without.node_order)
 
 
-def test_equal_features_keep_their_order() -> None:
+def test_moving_node_first_keeps_the_order_of_equal_features() -> None:
     kernel = PointToPoint()
     member = member_of(kernel)
     member.set_node_order(torch.ones(WIDTH))
@@ -127,13 +129,13 @@ def test_equal_features_keep_their_order() -> None:
     assert torch.equal(member.moving_node_first(graph, graph.instance_index), graph.instance_index)
 
 
-def test_a_motif_that_tells_its_nodes_apart_needs_none(hand_made: HandMade) -> None:
+def test_node_order_is_empty_for_distinct_nodes(hand_made: HandMade) -> None:
     member = member_of(PointToLine())
     fit_node_order({"member": member}, hand_made((2,), []), OBJECTIVE, 0.5)
     assert len(member.node_order) == 0
 
 
-def test_on_a_demonstration_every_exchangeable_member_gets_one(training: Training) -> None:
+def test_node_order_of_a_demonstration(training: Training) -> None:
     members = training.members()
     training.module(members)
     fit_node_order(members, training.demonstration, OBJECTIVE, 0.5)

@@ -1,4 +1,4 @@
-"""The drawn lines hold the numbers given; the pictures are PNG files, whole or not there."""
+"""Tests of the curves: drawn lines hold the given numbers, PNG files are whole or not there."""
 
 import math
 from pathlib import Path
@@ -33,7 +33,7 @@ def drawn(axes: Axes) -> dict[str, tuple[list[float], list[float]]]:
 
 
 def legend(figure: Figure) -> list[str]:
-    return [text.get_text() for found in figure.legends for text in found.get_texts()]
+    return [text.get_text() for drawn_legend in figure.legends for text in drawn_legend.get_texts()]
 
 
 def size_of_png(path: Path) -> tuple[int, int]:
@@ -43,7 +43,7 @@ def size_of_png(path: Path) -> tuple[int, int]:
     return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
 
 
-def test_lines_of_training_equal_the_table(table: Path) -> None:
+def test_training_figure_draws_the_table(table: Path) -> None:
     figure = training_figure(read_training(table))
     objective, reward, rsw, error = figure.axes
     assert drawn(objective) == {"p2p_sift": ([0, 20], [-0.5, 0.25]), "l2l_lbd": ([0, 10], [-0.25, -0.125])}
@@ -55,23 +55,23 @@ def test_lines_of_training_equal_the_table(table: Path) -> None:
     assert legend(figure) == ["p2p_sift", "l2l_lbd"]
 
 
-def test_a_member_has_one_color_in_every_panel(table: Path) -> None:
+def test_training_figure_colors_by_member(table: Path) -> None:
     figure = training_figure(read_training(table))
     colors = {
         label: {line.get_color() for axes in figure.axes for line in axes.get_lines() if line.get_label() == label}
         for label in ("p2p_sift", "l2l_lbd")
     }
-    assert all(len(found) == 1 for found in colors.values())
+    assert all(len(of_member) == 1 for of_member in colors.values())
     assert colors["p2p_sift"] != colors["l2l_lbd"]
 
 
-def test_many_members_are_told_apart() -> None:
+def test_training_figure_of_many_members() -> None:
     curves = {f"member{i}": (np.array([0.0, 1.0]), np.array([0.0, float(i)])) for i in range(12)}
     objective = training_figure({"objective": curves}).axes[0]
     assert len({(line.get_color(), line.get_linestyle()) for line in objective.get_lines()}) == 12
 
 
-def test_rsw_of_zero_is_left_out_of_the_logarithm(tmp_path: Path) -> None:
+def test_training_figure_with_rsw_of_zero(tmp_path: Path) -> None:
     path = tmp_path / "metrics.csv"
     path.write_text("step,p2p_sift/rsw\n0,0\n1,0\n")
     assert training_figure(read_training(path)).axes[2].get_yscale() == "linear"
@@ -82,14 +82,16 @@ def test_rsw_of_zero_is_left_out_of_the_logarithm(tmp_path: Path) -> None:
     assert figure.axes[2].get_ylim()[0] > 0
 
 
-def test_picture_of_training(table: Path, tmp_path: Path) -> None:
+def test_plot_training_writes_png(table: Path, tmp_path: Path) -> None:
     picture = tmp_path / "training.png"
     plot_training(table, picture)
     assert size_of_png(picture) == (1350, 900)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["metrics.csv", "training.png"]
 
 
-def test_failed_saving_leaves_the_earlier_picture(table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plot_training_keeps_earlier_file_on_failure(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     picture = tmp_path / "training.png"
     picture.write_bytes(b"of an earlier run")
 
@@ -116,7 +118,7 @@ def test_failed_saving_leaves_the_earlier_picture(table: Path, tmp_path: Path, m
         ("step,p2p_sift/reward\n0,1\n1", None),
     ],
 )
-def test_bad_tables(tmp_path: Path, text: str, message: str | None) -> None:
+def test_read_training_refuses_bad_tables(tmp_path: Path, text: str, message: str | None) -> None:
     path = tmp_path / "metrics.csv"
     path.write_text(text)
     if message is None:  # a last row cut short is what a run in progress leaves
@@ -126,7 +128,7 @@ def test_bad_tables(tmp_path: Path, text: str, message: str | None) -> None:
         read_training(path)
 
 
-def test_missing_table(tmp_path: Path) -> None:
+def test_plot_training_refuses_missing_table(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.csv: cannot be read"):
         plot_training(tmp_path / "absent.csv", tmp_path / "training.png")
     assert list(tmp_path.iterdir()) == []
@@ -141,7 +143,7 @@ ROWS = [
 ]
 
 
-def test_lines_of_inference_equal_the_rows_with_gaps_where_there_is_none() -> None:
+def test_inference_figure_draws_rows_with_gaps() -> None:
     figure = inference_figure(ROWS)
     error, confidence = figure.axes
     nan = math.nan
@@ -158,7 +160,7 @@ def test_lines_of_inference_equal_the_rows_with_gaps_where_there_is_none() -> No
 
 
 @pytest.mark.parametrize("rows", [ROWS, []], ids=["rows", "no instance in any frame"])
-def test_picture_of_inference(rows: list[tuple[int, str, float, float]], tmp_path: Path) -> None:
+def test_plot_inference_writes_png(rows: list[tuple[int, str, float, float]], tmp_path: Path) -> None:
     plot_inference(rows, tmp_path / "inference.png")
     assert size_of_png(tmp_path / "inference.png") == (1350, 750)
     assert [file.name for file in tmp_path.iterdir()] == ["inference.png"]

@@ -1,4 +1,4 @@
-"""Pixels of the overlay: where lines lie, in which colors, and how long the bars are."""
+"""Tests of the overlay's pixels: positions and colors of lines, and lengths of bars."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import pytest
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, Node
-from geoskill.viz import overlay
-from geoskill.viz.overlay import OTHER_COLORS, TOP_COLOR, draw_overlay, rank_color
+from geoskill.viz.drawing import OTHER_COLORS, TOP_COLOR, rank_color
+from geoskill.viz.overlay import draw_overlay
 
 GREY = np.full((480, 640, 3), 128, np.uint8)
 PANEL_WIDTH = 272
@@ -26,7 +26,8 @@ def lines(*xyxy: tuple[float, float, float, float]) -> tuple[Node, ...]:
 def association(
     nodes: tuple[Node, ...], rank: int = 1, confidence: float = 0.5, kernel: str = "p2p", descriptor: str = "sift"
 ) -> Association:
-    return Association(kernel, descriptor, rank, confidence, confidence, nodes, (3.0, -4.0))
+    member = "_".join([kernel, *descriptor.split("+")])
+    return Association(member, kernel, descriptor, rank, confidence, confidence, nodes, (3.0, -4.0))
 
 
 def feature_set(node_type: NodeType, *rows: tuple[float, ...]) -> FeatureSet:
@@ -35,7 +36,7 @@ def feature_set(node_type: NodeType, *rows: tuple[float, ...]) -> FeatureSet:
 
 
 def colored(image: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
-    """x, y of the pixels that have exactly this color, ``[k, 2]``."""
+    """Return x, y of the pixels that have exactly this color, ``[k, 2]``."""
     return np.argwhere((image == color).all(axis=2))[:, ::-1]
 
 
@@ -46,14 +47,14 @@ def distance_to_segment(xy: np.ndarray, start: tuple[float, float], end: tuple[f
 
 
 def bar_lengths(output: np.ndarray, color: tuple[int, int, int], picture_width: int) -> list[int]:
-    """Lengths of the horizontal bars of a color in the panel, from the top."""
+    """Return the lengths of the horizontal bars of a color in the panel, from the top."""
     filled = (output[:, picture_width:] == color).all(axis=2).sum(axis=1)
     rows = np.flatnonzero(filled >= 10)
     groups = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else []
     return [int(np.bincount(filled[group]).argmax()) for group in groups if len(group) >= 5]
 
 
-def test_red_pixels_lie_on_the_segment_between_the_nodes_and_cover_it() -> None:
+def test_overlay_draws_segment_between_nodes() -> None:
     start, end = (100.0, 80.0), (400.0, 300.0)
     output = draw_overlay(GREY, [], [association(points(start, end))], frame_index=0)
     red = colored(output[:, :640], TOP_COLOR)
@@ -66,7 +67,7 @@ def test_red_pixels_lie_on_the_segment_between_the_nodes_and_cover_it() -> None:
         assert np.abs(red - xy).max(axis=1).min() <= 1.0
 
 
-def test_enlarged_picture_keeps_the_places_of_pixels() -> None:
+def test_overlay_of_enlarged_image() -> None:
     image = np.full((160, 160, 3), 128, np.uint8)
     output = draw_overlay(image, [], [association(points((20.0, 30.0), (120.0, 30.0)))], frame_index=0)
     assert output.shape[:2] == (480, 480 + PANEL_WIDTH)
@@ -76,7 +77,7 @@ def test_enlarged_picture_keeps_the_places_of_pixels() -> None:
     assert red.mean(axis=0) == pytest.approx([211, 91], abs=0.1)
 
 
-def test_lines_are_highlighted_and_linked_between_their_midpoints() -> None:
+def test_overlay_links_midpoints_of_lines() -> None:
     first, second = (100.0, 100.0, 200.0, 100.0), (150.0, 300.0, 350.0, 300.0)
     output = draw_overlay(GREY, [], [association(lines(first, second), kernel="l2l")], frame_index=0)
     red = colored(output[:, :640], TOP_COLOR)
@@ -88,7 +89,7 @@ def test_lines_are_highlighted_and_linked_between_their_midpoints() -> None:
             assert np.abs(red - xy).max(axis=1).min() <= 1.0
 
 
-def test_point_and_line_are_linked_at_the_lines_midpoint() -> None:
+def test_overlay_links_point_and_midpoint_of_line() -> None:
     nodes = points((100.0, 100.0)) + lines((300.0, 200.0, 300.0, 400.0))
     output = draw_overlay(GREY, [], [association(nodes, kernel="p2l")], frame_index=0)
     red = colored(output[:, :640], TOP_COLOR)
@@ -98,7 +99,7 @@ def test_point_and_line_are_linked_at_the_lines_midpoint() -> None:
     assert np.abs(red - (200, 200)).max(axis=1).min() <= 1.0
 
 
-def test_four_nodes_form_a_ring_that_does_not_cross_itself() -> None:
+def test_overlay_links_four_nodes_in_a_ring() -> None:
     corners = ((100.0, 100.0), (300.0, 300.0), (300.0, 100.0), (100.0, 300.0))
     output = draw_overlay(GREY, [], [association(points(*corners), kernel="copl")], frame_index=0)
     red = colored(output[:, :640], TOP_COLOR)
@@ -108,7 +109,7 @@ def test_four_nodes_form_a_ring_that_does_not_cross_itself() -> None:
         assert np.abs(red - np.mean([a, b], axis=0)).max(axis=1).min() <= 1.0
 
 
-def test_only_the_top_one_and_confident_ones_are_drawn() -> None:
+def test_overlay_draws_top_and_heavy_associations() -> None:
     def ranked(rank: int, confidence: float) -> Association:
         y = 50.0 * rank
         return association(points((50.0, y), (300.0, y)), rank, confidence)
@@ -121,18 +122,18 @@ def test_only_the_top_one_and_confident_ones_are_drawn() -> None:
     assert (picture[140:160] == 128).all()  # the place of the third
 
 
-def test_top_line_is_thicker_and_lies_above_the_others() -> None:
+def test_overlay_draws_top_association_thicker_and_last() -> None:
     top = association(points((100.0, 200.0), (500.0, 200.0)), 1, 0.6)
-    other = association(points((300.0, 50.0), (300.0, 400.0)), 2, 0.4)
-    for order in ([top, other], [other, top]):
+    second = association(points((300.0, 50.0), (300.0, 400.0)), 2, 0.4)
+    for order in ([top, second], [second, top]):
         output = draw_overlay(GREY, [], order, frame_index=0)
         assert tuple(output[200, 300]) == TOP_COLOR
         across_top = (output[:, 200] == TOP_COLOR).all(axis=1).sum()
-        across_other = (output[100, :640] == OTHER_COLORS[0]).all(axis=1).sum()
-        assert across_top > across_other >= 1
+        across_second = (output[100, :640] == OTHER_COLORS[0]).all(axis=1).sum()
+        assert across_top > across_second >= 1
 
 
-def test_bars_are_as_long_as_the_confidences() -> None:
+def test_overlay_bars_are_as_long_as_confidences() -> None:
     ranked = [
         association(points((50.0, 50.0 * rank), (300.0, 50.0 * rank)), rank, confidence)
         for rank, confidence in ((1, 0.5), (2, 0.25), (3, 0.2))
@@ -144,7 +145,7 @@ def test_bars_are_as_long_as_the_confidences() -> None:
 
 
 @pytest.mark.parametrize("bars", [1, 3])
-def test_every_kernel_has_a_block_of_bars(bars: int) -> None:
+def test_overlay_has_a_block_for_each_kernel(bars: int) -> None:
     kernels = ("p2p", "p2l", "l2l", "copl")
     tops = {"p2p": 0.6, "p2l": 0.5, "l2l": 0.4, "copl": 0.35}
     associations = [
@@ -158,13 +159,13 @@ def test_every_kernel_has_a_block_of_bars(bars: int) -> None:
         assert lengths == pytest.approx([tops[kernel] / rank * BAR_LENGTH for kernel in kernels], abs=4)
 
 
-def test_descriptors_of_one_kernel_are_apart() -> None:
+def test_overlay_has_a_block_for_each_descriptor() -> None:
     nodes = points((50.0, 50.0), (300.0, 50.0))
     both = [association(nodes, descriptor="sift"), association(nodes, descriptor="orb", confidence=0.9)]
     assert len(bar_lengths(draw_overlay(GREY, [], both, frame_index=0), TOP_COLOR, 640)) == 2
 
 
-def test_features_are_marked_where_they_are() -> None:
+def test_overlay_marks_features() -> None:
     sets = [
         feature_set(NodeType.POINT, (100.0, 100.0), (400.0, 50.0)),
         feature_set(NodeType.LINE, (200.0, 300.0, 260.0, 300.0)),
@@ -179,7 +180,7 @@ def test_features_are_marked_where_they_are() -> None:
 
 
 @pytest.mark.parametrize("level", [0, 255])
-def test_features_stand_out_on_dark_and_on_bright_pictures(level: int) -> None:
+def test_overlay_features_stand_out(level: int) -> None:
     image = np.full((480, 640, 3), level, np.uint8)
     picture = draw_overlay(image, [feature_set(NodeType.POINT, (100.0, 100.0))], [], frame_index=0)[:, :640]
     assert np.abs(picture.astype(int) - level).max() >= 150
@@ -195,7 +196,7 @@ def test_features_stand_out_on_dark_and_on_bright_pictures(level: int) -> None:
         ((100, 60), (800, 480 + 272)),
     ],
 )
-def test_size_depends_on_the_frames_size_alone(shape: tuple[int, int], expected: tuple[int, int]) -> None:
+def test_overlay_size(shape: tuple[int, int], expected: tuple[int, int]) -> None:
     image = np.zeros((*shape, 3), np.uint8)
     some = [association(points((5.0, 5.0), (40.0, 40.0)), rank, 0.2, k) for k in ("p2p", "p2l") for rank in range(1, 6)]
     outputs = [
@@ -207,7 +208,7 @@ def test_size_depends_on_the_frames_size_alone(shape: tuple[int, int], expected:
 
 
 @pytest.mark.parametrize("side", [240, 480])
-def test_input_is_not_modified_and_the_result_is_repeatable(side: int) -> None:
+def test_overlay_is_repeatable_and_leaves_input_alone(side: int) -> None:
     image = np.random.default_rng(0).integers(0, 256, (side, side, 3), dtype=np.uint8)
     before = image.copy()
     image.flags.writeable = False
@@ -218,45 +219,22 @@ def test_input_is_not_modified_and_the_result_is_repeatable(side: int) -> None:
     np.testing.assert_array_equal(draw_overlay(image, sets, ranked, frame_index=0), first)
 
 
-def test_panel_shows_frame_number_title_and_reasons() -> None:
+def test_overlay_panel_shows_frame_title_and_reasons() -> None:
     plain = draw_overlay(GREY, [], [], frame_index=1)
-    for other in (
+    for changed in (
         draw_overlay(GREY, [], [], frame_index=2),
         draw_overlay(GREY, [], [], frame_index=1, title="sorting"),
         draw_overlay(GREY, [], [], frame_index=1, reasons=["p2p sift: 1 feature; expected at least 2"]),
         draw_overlay(GREY, [], [association((), rank=0, confidence=0.0)], frame_index=1),
     ):
-        assert (other[:, 640:] != plain[:, 640:]).any()
-        np.testing.assert_array_equal(other[:, :640], GREY)
+        assert (changed[:, 640:] != plain[:, 640:]).any()
+        np.testing.assert_array_equal(changed[:, :640], GREY)
 
 
-def test_associations_beyond_the_border_are_clipped() -> None:
+def test_overlay_clips_associations_at_border() -> None:
     output = draw_overlay(GREY, [], [association(points((-50.0, 200.0), (900.0, 200.0)))], frame_index=0)
     assert tuple(output[200, 0]) == TOP_COLOR
     assert tuple(output[200, 639]) == TOP_COLOR
     empty = draw_overlay(GREY, [], [], frame_index=0)
     # The panel's margin beside the picture stays white.
     np.testing.assert_array_equal(output[:, 640:654], empty[:, 640:654])
-
-
-def test_red_is_the_top_ones_alone() -> None:
-    assert rank_color(1) == TOP_COLOR
-    others = [rank_color(rank) for rank in range(2, 11)]
-    assert len({*others, TOP_COLOR}) == 10
-    assert rank_color(11) == rank_color(2)
-
-
-def test_an_error_without_unit_is_printed_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    printed: list[str] = []
-    original = overlay._print
-
-    def listening(canvas: np.ndarray, text: str, *rest: object) -> None:
-        printed.append(text)
-        original(canvas, text, *rest)
-
-    monkeypatch.setattr(overlay, "_print", listening)
-    nodes = (Node(NodeType.LINE, (1.0, 1.0, 20.0, 1.0)), Node(NodeType.LINE, (1.0, 9.0, 20.0, 30.0)))
-    for unit in ("", "px"):
-        top = Association("par", "lbd", 1, 0.9, 0.9, nodes, (0.5,), unit)
-        draw_overlay(np.zeros((60, 80, 3), np.uint8), [], [top], frame_index=0)
-    assert [text for text in printed if text.startswith("|E|")] == ["|E| = 0.50", "|E| = 0.50 px"]

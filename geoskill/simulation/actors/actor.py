@@ -16,7 +16,7 @@ BODY = "actor"
 @final
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """How an object is held.
+    """Grip of an actor on an object.
 
     Attributes:
         pose: of the grip in the object's frame. The fingers close along the grip's x axis on its origin; the arm comes

@@ -128,7 +128,7 @@ def _add_distractors(spec: mujoco.MjSpec, appearance_rng: np.random.Generator) -
 
 
 def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Cutout:
-    """Return the part of the sheet above a rectangle of the holder's frame, with a border that makes its edges clear."""
+    """Return the part of the sheet above a rectangle of the holder's frame, with a border that clarifies its edges."""
     scale = len(sheet) / SHEET
     left, right = (round((value + SHEET / 2) * scale) for value in x)
     bottom, top = (round((value - NEAR) * scale) for value in y)

@@ -71,7 +71,7 @@ class PlacementRange:
 
 
 class ObjectDynamics(ABC):
-    """How the object follows the pose that its motion prescribes."""
+    """Response of the object to the poses that its scripted motion prescribes."""
 
     @abstractmethod
     def start(self, model: mujoco.MjModel, data: mujoco.MjData, object_pose: Pose) -> None:

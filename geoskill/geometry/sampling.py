@@ -1,0 +1,34 @@
+"""Bilinear interpolation of pictures and vector fields at pixel coordinates."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+# cv2.remap accepts at most 32767 columns.
+POINTS_PER_CALL = 30000
+
+
+def sample_bilinear(
+    field: Float32[np.ndarray, "height width *channels"], xy: Float32[np.ndarray, "*points 2"]
+) -> Float32[np.ndarray, "..."]:
+    """Return the values of a picture or field at points (``[*points, *channels]``), interpolated between four pixels.
+
+    Depending on its version and the number of channels, OpenCV interpolates in steps of 1/32 pixel. Outside the picture
+    the value of the nearest border pixel is returned.
+
+    Args:
+        field: one or more channels.
+        xy: x and y of each point in pixels, (0, 0) being the center of the top left pixel; at least one point.
+
+    >>> sample_bilinear(np.array([[0.0, 10.0]], np.float32), np.array([[0.25, 0.0], [9.0, 9.0]], np.float32))
+    array([ 2.5, 10. ], dtype=float32)
+    """
+    rows = np.ascontiguousarray(xy, np.float32).reshape(1, -1, 2)
+    blocks = [
+        cv2.remap(  # type: ignore[call-overload]
+            field, rows[:, first : first + POINTS_PER_CALL], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for first in range(0, rows.shape[1], POINTS_PER_CALL)
+    ]
+    values: np.ndarray = np.concatenate(blocks, axis=1)
+    return values.reshape(*xy.shape[:-1], *field.shape[2:])

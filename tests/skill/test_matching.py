@@ -1,0 +1,70 @@
+"""Tests of matching features and associations."""
+
+import pytest
+
+from geoskill.geometry.primitives import NodeType
+from geoskill.kernels.l2l import LineToLine
+from geoskill.kernels.p2l import PointToLine
+from geoskill.kernels.p2p import PointToPoint
+from geoskill.skill.association import Node
+from geoskill.skill.matching import is_same_association, is_same_feature
+
+
+def point(x: float, y: float) -> Node:
+    return Node(NodeType.POINT, (float(x), float(y)))
+
+
+def line(*coordinates: float) -> Node:
+    return Node(NodeType.LINE, tuple(map(float, coordinates)))
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "same"), [((3.0, 0.0), True), ((3.1, 0.0), False), ((2.1, 2.1), True), ((2.2, 2.2), False)]
+)
+def test_is_same_feature_of_points(coordinates: tuple[float, float], same: bool) -> None:
+    assert is_same_feature(point(0.0, 0.0), point(*coordinates)) is same
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "same"),
+    [
+        ((0, 0, 100, 0), True),
+        ((100, 0, 0, 0), True),  # end points have no order
+        ((0, 3, 100, 3), True),
+        ((0, 3.1, 100, 3.1), False),
+        ((70, 1, 98, 1), True),  # a piece of it
+        ((-900, 0, 1000, 0), True),  # it is a piece of this
+        ((110, 0, 200, 0), False),  # farther along on the same straight line
+        ((50, -50, 50, 50), False),  # crosses it at the midpoint
+        ((0, -8, 100, 8), True),  # atan(0.16) = 9.1 degrees
+        ((0, -9, 100, 9), False),  # atan(0.18) = 10.2 degrees
+        ((0, 9, 100, -9), False),
+    ],
+)
+def test_is_same_feature_of_lines(coordinates: tuple[float, ...], same: bool) -> None:
+    horizontal = line(0, 0, 100, 0)
+    assert is_same_feature(horizontal, line(*coordinates)) is same
+    assert is_same_feature(line(*coordinates), horizontal) is same
+
+
+def test_is_same_feature_of_segment_without_length() -> None:
+    assert is_same_feature(line(5, 5, 5, 5), line(0, 4, 10, 4))
+    assert not is_same_feature(line(5, 5, 5, 5), line(0, 0, 10, 0))
+    assert is_same_feature(line(5, 5, 5, 5), line(6, 6, 6, 6))
+
+
+def test_is_same_feature_of_point_and_line() -> None:
+    assert not is_same_feature(point(5, 5), line(0, 5, 10, 5))
+
+
+def test_is_same_association_in_any_equivalent_order() -> None:
+    a, b, c = point(0, 0), point(50, 0), point(0, 50)
+    assert is_same_association(PointToPoint(), (a, b), (a, b))
+    assert is_same_association(PointToPoint(), (a, b), (b, a))
+    assert not is_same_association(PointToPoint(), (a, b), (a, c))
+    assert not is_same_association(PointToPoint(), (a, b), (a, a))
+    first, second = line(0, 0, 50, 0), line(0, 40, 50, 40)
+    assert is_same_association(LineToLine(), (first, second), (second, first))
+    assert is_same_association(PointToLine(), (a, second), (a, second))
+    assert not is_same_association(PointToLine(), (a, second), (b, second))
+    assert not is_same_association(PointToLine(), (a, second), (a, first))
