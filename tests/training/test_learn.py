@@ -317,7 +317,7 @@ def test_learn_names_the_wrong_one_of_several(
         (camera(), "camera 3 is a camera; expected a video file or a folder of images$"),
         ("98", "camera 98: cannot be opened"),
     ],
-    ids=str,
+    ids=lambda value: type(value).__name__ if not isinstance(value, str) else value[:30],
 )
 def test_learn_refuses_what_is_no_demonstration(
     learn_unchecked: Learn, configured: Configured, demonstrations: Any, message: str
