@@ -30,7 +30,7 @@ from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepar
 from geoskill.training.quiet import quiet_libraries
 from geoskill.training.resume import initialize, is_complete, require_same_run, require_same_spans
 from geoskill.training.statistics import fit_statistics
-from geoskill.training.trainer import build_optimizer, build_trainer, require_usable
+from geoskill.training.trainer import build_optimizer, build_trainer, require_usable, use_threads
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @final
 class TrainingInterruptedError(KeyboardInterrupt):
-    """Ctrl-C in the middle of training; the checkpoint of the last epoch is complete.
+    """Ctrl-C or SIGTERM in the middle of training; the checkpoint of the last epoch is complete.
 
     Attributes:
         epochs: that are in the checkpoint.
@@ -121,7 +121,7 @@ def learn(
     components = build_skill(spec, cache, config.seed)
     if init_from is not None:
         initialize(components.members, spec, read_skill(init_from))
-    with quiet_libraries():
+    with quiet_libraries(), use_threads(config.threads):
         require_usable(config.trainer)
         demonstration, provenance = prepare(config, sources, components, progress, scene)
         if stored is not None:

@@ -75,7 +75,7 @@ def prepare(
                 num_negatives=config.demonstration.num_negatives,
                 progress=_silent if progress is None else progress,
                 name=opened.name,
-                threads=torch.get_num_threads() if config.threads is None else config.threads,
+                threads=torch.get_num_threads(),
                 trajectory=config.demonstration.trajectory,
                 negatives=config.demonstration.negatives,
             )

@@ -1,7 +1,8 @@
 """The Lightning trainer and the optimizer of a configuration."""
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,6 +67,18 @@ def build_trainer(
         enable_checkpointing=checkpoint is not None,
         enable_model_summary=False,
     )
+
+
+@contextmanager
+def use_threads(threads: int | None) -> Iterator[None]:
+    """Let PyTorch take so many threads while the block runs; None for as many as it likes."""
+    before = torch.get_num_threads()
+    if threads is not None:
+        torch.set_num_threads(threads)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def require_usable(config: TrainerConfig) -> None:
