@@ -502,7 +502,7 @@ def test_debug_shows_the_traceback(command: Command, tiny: Sequence[str], tmp_pa
 def test_program_error_has_status_1(
     command: Command, tiny: Sequence[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("two\nlines")
 
     monkeypatch.setattr("geoskill.training.learn.fit_statistics", fail)

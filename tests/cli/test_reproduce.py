@@ -22,7 +22,7 @@ Command = Callable[..., Any]
         ([], "error: artifact.data is not set; expected the folder of the labeled sequences (artifact.data=DIR)"),
         (["artifact.data=nowhere"], "error: artifact.data=nowhere: has no folder human1; expected one with frames"),
         (["artifact=table9"], "error: In 'reproduce': Could not find 'artifact/table9'"),
-        (["artifact=table1", "jobs=0"], "error: jobs=0: expected at least 1"),
+        (["artifact=table1", "jobs=0"], "error: jobs=0: expected a whole number of at least 1"),
         (["artifact=table1", "+artifact.rows={}"], "error: artifact.rows: there is no such key; expected one of name,"),
     ],
 )

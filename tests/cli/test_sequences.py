@@ -94,7 +94,7 @@ def test_labeled_recording(rendered: list[RecordingSettings]) -> None:
     assert sequence.recording is not None
     (settings,) = rendered
     assert (settings.task.name, settings.seed, settings.episode) == ("sorting", 7, "occlusion")
-    conditions = settings.conditions
+    conditions = settings.scenario
     assert (conditions.actor, conditions.occlusion, conditions.severity) == ("robot", True, 0.5)
 
 

@@ -49,7 +49,7 @@ def test_get_or_compute_replaces_a_file_that_does_not_unpack(tmp_path: Path, err
 
 @pytest.mark.parametrize("limit_mb", [0.0, -1.0, float("nan")])
 def test_limit_must_be_positive(limit_mb: float) -> None:
-    with pytest.raises(InputError, match=rf"^cache\.limit_mb={limit_mb}: expected a positive number of meg"):
+    with pytest.raises(InputError, match=rf"^limit_mb={limit_mb}: expected a positive number of meg"):
         DiskCache(limit_mb=limit_mb)
 
 
