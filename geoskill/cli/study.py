@@ -77,7 +77,7 @@ class Step:
         if self.command == "train" and checkpoint.is_file():
             try:
                 return self._call(f"ckpt_path={checkpoint}")
-            except InputError as error:  # such as one that has all of its epochs, but was stopped before the results
+            except InputError as error:  # such as one of another version
                 log.warning("%s; training from the beginning", error)
         return self._call()
 
