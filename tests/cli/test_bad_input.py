@@ -399,7 +399,7 @@ def test_skills_and_videos_of_infer(
     stored["state_dict"] = {key: value.reshape(-1)[:1] for key, value in stored["state_dict"].items()}
     torch.save(stored, corrupt)
     check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), "weights do not fit")
-    for name, words in (("os.getcwd", ["no such descriptor"]), ("p2p", ["no such descriptor"])):
+    for name, words in (("os.getcwd", ["expected the name of a class"]), ("p2p", ["no such descriptor"])):
         stored["skill"]["specification"]["extractors"]["sift"]["name"] = name
         torch.save(stored, corrupt)
         check_error(command("infer", f"skill={corrupt}", video, run), 2, str(corrupt), name, *words)
