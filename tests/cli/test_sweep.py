@@ -107,7 +107,7 @@ def test_a_sweep(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
 def test_a_sweep_with_a_run_that_fails(script: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     ended = script("train", "-m", *tiny, "objective.sigma0=-1,0.55", f"hydra.sweep.dir={tmp_path}")
     assert (ended.status, ended.folder) == (2, tmp_path)
-    assert ended.stderr.startswith(f"error: 1 run(s) failed, first {tmp_path / '0'}: objective.sigma0=-1.0: expected")
+    assert ended.stderr.startswith(f"error: 1 run(s) failed, first {tmp_path / '0'}: objective.sigma0=-1: expected")
     assert len(ended.stderr.splitlines()) == 1
     assert len(json.loads((tmp_path / "summary.json").read_text())) == 1
 
