@@ -49,7 +49,8 @@ class Skill:
         origin = self.provenance
         state = "" if origin.finished else f", unfinished: {origin.epochs[0]} of {origin.epochs[1]} epochs"
         width, height = origin.image_size
-        metrics = ", ".join(f"{name} {value:.3g}" for name, value in origin.metrics.items())
+        shown = {name: value for name, value in origin.metrics.items() if not name.endswith("_epoch")}  # said once
+        metrics = ", ".join(f"{name} {value:.3g}" for name, value in shown.items())
         return (
             f"Skill({', '.join(self.members)}; learned from {', '.join(origin.sources)} at {width}x{height},"
             f" {origin.date}, geoskill {origin.version}, seed {origin.seed}{state}{'; ' + metrics if metrics else ''})"

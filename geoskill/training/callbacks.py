@@ -122,7 +122,7 @@ class SkillRecord(Callback):
 
     def _take_in(self, trainer: Trainer, epochs: int) -> None:
         metrics = {name: float(metric) for name, metric in trainer.callback_metrics.items() if "/" not in name}
-        metrics = {name: metric for name, metric in metrics.items() if not name.endswith(("_step", "_epoch"))}
+        metrics = {name: metric for name, metric in metrics.items() if not name.endswith("_step")}
         self.provenance = replace(self.provenance, epochs=(epochs, trainer.max_epochs or 0), metrics=metrics)
 
 
