@@ -4,6 +4,7 @@ A field made by :func:`setting` carries its default, its meaning and its range. 
 come from Python and from the command line, and makes the reference in the documentation.
 """
 
+import functools
 import math
 import types
 from abc import ABC
@@ -153,11 +154,14 @@ def as_plain(value: Any) -> Any:
 def markdown_table(schema: type, prefix: str = "") -> str:
     """Return the reference of a configuration class as a Markdown table: key, default, expectation, meaning."""
     lines = ["| key | default | expected | meaning |", "|---|---|---|---|"]
-    for key, settings_field, hint in flatten(schema, prefix):
-        default = default_of(settings_field)
+    defaults = schema()  # whose nested configurations may differ from the defaults of their classes
+    for key, settings_field, hint in flatten(schema):
+        default = functools.reduce(getattr, key.split("."), defaults)
         simple = default is None or isinstance(default, bool | int | float | str)
         shown = f"`{as_written(default)}`" if simple else "see the group"
-        lines.append(f"| `{key}` | {shown} | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |")
+        lines.append(
+            f"| `{prefix}{key}` | {shown} | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -169,6 +169,11 @@ def test_reference_names_every_key_with_its_default() -> None:
     assert "| `objective.goal_weight` | `1.0` | a number of at least 0 | " in reference
     assert "| `seed` | `0` | a whole number of at least 0 | " in sections["train.py"]
     assert "| `task.num_demonstrations` | `1` | a whole number of at least 1 | " in reference
+    # Of a nested configuration whose defaults are the command's own.
+    assert "| `inference.abstain` | `0.0` | " in sections["evaluate.py"]
+    assert "| `inference.abstain` | `0.2` | " in sections["infer.py"]
+    assert "| `scenario.actor` | `robot` | " in sections["evaluate.py"]
+    assert "| `descriptor.lbd.band_width` | `7` | a whole number | " in sections["descriptor=lbd"]
     rows = [line for line in reference.splitlines() if line.startswith("| `")]
     assert all(line.count(" | ") == 3 for line in rows)
 

@@ -5,10 +5,11 @@ import functools
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar, final
+from typing import TextIO, TypeVar, final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -61,6 +62,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
     """
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    warnings.showwarning = _show_warning
 
     def guarded(cfg: DictConfig) -> None:
         run = current_run()
@@ -98,6 +100,11 @@ def current_run() -> Run:
     )
 
 
+def program() -> list[str]:
+    """Return how this command was started, without its arguments."""
+    return [sys.executable, sys.argv[0]] if sys.argv[0].endswith(".py") else [sys.argv[0]]
+
+
 def let_idle_threads_sleep() -> None:
     """Have threads of PyTorch that wait for each other sleep, where others have work for their cores.
 
@@ -123,6 +130,18 @@ def explain(error: BaseException, command: str) -> tuple[int, str]:
     if isinstance(error, OmegaConfBaseException) or type(error).__module__.startswith("hydra"):
         return UNUSABLE_INPUT, explain_composition(error, command)
     return FAILURE, f"{type(error).__name__}: {_one_line(str(error))} (debug=true shows where)"
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning in one line, without the place in the source that raised it."""
+    print(f"warning: {_one_line(str(message))}", file=file or sys.stderr)
 
 
 def _show_traceback() -> None:

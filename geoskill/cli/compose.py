@@ -234,6 +234,8 @@ def _nearest(key: str, command: str) -> str:
             return ""
     keys = [name for name, _ in _leaves(OmegaConf.to_container(defaults, throw_on_missing=False))]
     similar = difflib.get_close_matches(key, [*keys, *groups], n=1)
+    if not similar:  # perhaps the group was left out
+        similar = [name for name in keys if name.rpartition(".")[2] == key][:1]
     if key.startswith("task.") and "task.path" not in keys:
         return "task=video for a video of yours, or "
     return f"{similar[0]}, or " if similar else ""

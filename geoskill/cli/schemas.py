@@ -1,5 +1,7 @@
 """The configuration of the commands: what they need beside the settings of learning, and the names of older keys."""
 
+import inspect
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, final
@@ -14,7 +16,8 @@ from geoskill.config import (
     SelectionConfig,
     TrainConfig,
 )
-from geoskill.schema import markdown_table, setting
+from geoskill.plugins import EXTRACTORS
+from geoskill.schema import WORDS, as_written, markdown_table, setting
 
 
 @final
@@ -56,9 +59,9 @@ class WandbConfig(Config):
 @final
 @dataclass
 class CacheConfig(Config):
-    """Extracted features and rendered recordings that are kept between runs."""
+    """Cache of extracted features and rendered recordings."""
 
-    enabled: bool = setting(True, "Keep them.")
+    enabled: bool = setting(True, "Keep extracted features and rendered recordings between runs.")
     folder: str | None = setting(None, "Folder; null: the user's cache folder.")
     limit_mb: float = setting(2000.0, "Megabytes that the folder may hold.", above=0)
 
@@ -80,7 +83,7 @@ class TrainCommandConfig(Learning):
     scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
     logger: Any = setting(dict, "Loggers beside metrics.csv: `wandb` or `none`.")
     cache: CacheConfig = field(default_factory=CacheConfig)
-    ckpt_path: str | None = setting(None, "Checkpoint of an interrupted run to go on with.")
+    ckpt_path: str | None = setting(None, "Checkpoint, or folder, of an interrupted run to go on with.")
     init_from: str | None = setting(None, "Skill whose weights to start from, on another demonstration.")
     debug: bool = _debug()
 
@@ -134,7 +137,9 @@ class EvaluateCommandConfig(Config):
 class ReproduceCommandConfig(Config):
     """`reproduce.py`: a table or figure of the paper, or another study, over several trainings."""
 
-    artifact: Any = setting(None, "The study, one of those in conf/artifact.")
+    artifact: Any = setting(
+        None, "The study, one of those in conf/artifact; `artifact.data` is the folder of its sequences."
+    )
     jobs: int = setting(2, "Trainings at once on this machine, each on one thread.", at_least=1)
     quick: bool = setting(False, "One seed, few epochs and every tenth frame: to see that it works, not what it finds.")
     job: int | None = setting(None, "Number of the one job that a launched process performs.", at_least=0)
@@ -179,4 +184,16 @@ def markdown_reference() -> str:
     )
     tables = [f"## {name}.py\n\n{schema.__doc__}\n\n{markdown_table(schema)}" for name, schema in sections]
     tables += [f"## {name}\n\n{schema.__doc__}\n\n{markdown_table(schema, key)}" for name, schema, key in choices]
-    return "\n".join(tables)
+    return "\n".join([*tables, *(_descriptor_reference(name) for name in EXTRACTORS.built_in)])
+
+
+def _descriptor_reference(name: str) -> str:
+    lines = [f"## descriptor={name}\n", "| key | default | expected | meaning |", "|---|---|---|---|"]
+    documentation = inspect.getdoc(EXTRACTORS.get(name)) or ""
+    for key, parameter in EXTRACTORS.parameters(name).items():
+        expected = WORDS.get(type(parameter.default), "a value")
+        # An entry of the docstring's arguments goes on where lines are indented further.
+        entry = re.search(rf"^    {key}: (.*(?:\n     .*)*)", documentation, re.MULTILINE)
+        meaning = " ".join(entry[1].split()) if entry else ""
+        lines.append(f"| `descriptor.{name}.{key}` | `{as_written(parameter.default)}` | {expected} | {meaning} |")
+    return "\n".join([*lines, ""])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geoskill.cli.command import INTERRUPTED, Run, run_command
+from geoskill.cli.command import INTERRUPTED, Run, program, run_command
 from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig
 from geoskill.errors import InputError
 
@@ -86,8 +86,8 @@ def train(config: TrainCommandConfig, run: Run) -> None:
 def _say_how_to_go_on(run: Run, checkpoint: Path, epochs: int) -> None:
     overrides = [override for override in run.overrides if not override.startswith(("ckpt_path=", "init_from="))]
     print(
-        f"\ninterrupted after {epochs} epochs; {checkpoint} is complete. To go on:\n"
-        f"  python train.py {shlex.join([*overrides, f'ckpt_path={checkpoint}'])}",
+        f"\ninterrupted after {epochs} epochs, which are in {checkpoint}. To go on:\n"
+        f"  {shlex.join([*program(), *overrides, f'ckpt_path={checkpoint}'])}",
         file=sys.stderr,
     )
 

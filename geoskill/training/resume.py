@@ -1,6 +1,7 @@
 """Starting from a checkpoint: going on with its training, or fine-tuning its weights on another demonstration."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from torch import nn
 
@@ -48,7 +49,7 @@ def require_same_spans(stored: StoredSkill, spans: Sequence[int]) -> None:
         if learned != list(spans):
             raise InputError(
                 f"{stored.path}: learned from transitions over {learned} frames; expected those of this demonstration,"
-                f" {list(spans)}"
+                f" {list(spans)} (init_from= starts from a skill's weights on another demonstration)"
             )
 
 
@@ -89,8 +90,18 @@ def _require_same_parts(stored: StoredSkill, spec: SkillSpec, free: Sequence[str
         if theirs != ours:
             if name in ("members", "extractors") and set(theirs) != set(ours):
                 theirs, ours = ", ".join(theirs), ", ".join(ours)  # their names tell enough
+            elif isinstance(theirs, dict) and isinstance(ours, dict):
+                theirs, ours = _differences(theirs, ours)
             may = "; demonstrations, objective, optimizer and seed may differ" if free else ""
-            raise InputError(f"{stored.path}: its {name} are {theirs}; expected those of this run, {ours}{may}")
+            raise InputError(f"{stored.path}: has {name} {theirs}; expected {ours}, as in this run{may}")
+
+
+def _differences(theirs: dict[str, Any], ours: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the entries in which two mappings differ."""
+    keys = [key for key in {**theirs, **ours} if theirs.get(key) != ours.get(key)]
+    if len(keys) == 1 and all(isinstance(values.get(keys[0]), dict) for values in (theirs, ours)):
+        return _differences(theirs[keys[0]], ours[keys[0]])
+    return {key: theirs.get(key) for key in keys}, {key: ours.get(key) for key in keys}
 
 
 def _named(scene: object) -> str:

@@ -345,7 +345,7 @@ def test_regions_that_do_not_fit(refused: Callable[..., None], tmp_path: Path) -
 @pytest.mark.slow
 def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, tmp_path: Path) -> None:
     # `skill` is a finished p2p training of 2 epochs.
-    refused(2, ["kernel=par", f"ckpt_path={skill}"], "its members are p2p_sift; expected those of this run, par_lbd")
+    refused(2, ["kernel=par", f"ckpt_path={skill}"], "has members p2p_sift; expected par_lbd")
     refused(2, ["model.hidden_dim=16", f"ckpt_path={skill}"], str(skill), "model", "'hidden_dim': 8", "16")
     refused(
         2,

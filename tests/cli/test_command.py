@@ -101,13 +101,13 @@ def test_ctrl_c_says_how_to_go_on(environment: dict[str, str], tiny: Sequence[st
     assert process.returncode == 130
     lines = stderr.strip().splitlines()
     assert lines[0].startswith("interrupted after ")
-    assert f"{run / 'skill.ckpt'} is complete" in lines[0]
+    assert f"which are in {run / 'skill.ckpt'}" in lines[0]
     assert len(lines) == 2
     assert not (run / "associations.jsonl").exists()
 
     epochs = int(lines[0].split()[2])
     shown = shlex.split(lines[1])
-    assert shown[:2] == ["python", "train.py"]
+    assert shown[:2] == [sys.executable, "train.py"]
     assert f"ckpt_path={run / 'skill.ckpt'}" in shown
     resumed = tmp_path / "resumed"
     # The number of epochs would keep the test waiting; what is given last counts.

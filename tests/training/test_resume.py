@@ -306,13 +306,17 @@ SCENE = SimulatedScene("sorting", 3, ScenarioConfig())
 @pytest.mark.parametrize(
     ("settings", "options", "message"),
     [
-        ({"kernel": "p2l"}, {}, "its members are p2p_sift; expected those of this run, p2l_sift_lbd$"),
-        ({"kernel": ["p2p", "p2l"]}, {}, "its members are p2p_sift; expected those of this run, p2p_sift, p2l_sift_lb"),
-        ({"descriptor": "orb"}, {}, "its members are p2p_sift; expected those of this run, p2p_orb$"),
-        ({"descriptor": {"sift": {"root": True}}}, {}, "its extractors are .*'root': False.*; expected .*'root': True"),
-        ({"model": {**NETWORK, "hidden_dim": 5}}, {}, "its model are .*'hidden_dim': 4.*expected .*'hidden_dim': 5"),
-        ({"model": {**NETWORK, "cascade": 7}}, {}, "its model are .*'cascade': 5.*expected .*'cascade': 7"),
-        ({"demonstration": {"gap": 3}}, {}, r"learned from transitions over \[2, 4\] frames; expected .*, \[3\]$"),
+        ({"kernel": "p2l"}, {}, "has members p2p_sift; expected p2l_sift_lbd, as in this run$"),
+        ({"kernel": ["p2p", "p2l"]}, {}, "has members p2p_sift; expected p2p_sift, p2l_sift_lb"),
+        ({"descriptor": "orb"}, {}, "has members p2p_sift; expected p2p_orb, as in this run$"),
+        ({"descriptor": {"sift": {"root": True}}}, {}, "has extractors .*'root': False.*; expected .*'root': True"),
+        ({"model": {**NETWORK, "hidden_dim": 5}}, {}, "has model .*'hidden_dim': 4.*expected .*'hidden_dim': 5"),
+        ({"model": {**NETWORK, "cascade": 7}}, {}, "has model .*'cascade': 5.*expected .*'cascade': 7"),
+        (
+            {"demonstration": {"gap": 3}},
+            {},
+            r"learned from transitions over \[2, 4\] .*, \[3\] \(init_from=",
+        ),
         ({}, {"scene": SCENE}, r"learned from a video; expected what this run learns from, SimulatedScene\("),
         ({}, {"demonstrations": 2}, r"learned from 1 demonstration\(s\); expected 2, as this run$"),
     ],
@@ -414,13 +418,13 @@ def test_init_from_allows_other_demonstrations_objective_optimizer_and_seed(
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kernel": "p2l"}, "its members are p2p_sift; expected those of this run, p2l_sift_lbd"),
-        ({"descriptor": "orb"}, "its members are p2p_sift; expected those of this run, p2p_orb"),
-        ({"descriptor": {"sift": {"root": True}}}, "its extractors are .*'root': False.*; expected .*'root': True.*"),
-        ({"model": {**NETWORK, "hidden_dim": 5}}, "its model are .*'hidden_dim': 4.*expected .*'hidden_dim': 5.*"),
-        ({"model": {**NETWORK, "layers": 2}}, "its model are .*'layers': 1.*expected .*'layers': 2.*"),
-        ({"model": "bilinear"}, "its model are .*'message_passing'.*expected .*'bilinear'.*"),
-        ({"features": 11}, "its features are .*'max_features': 10.*expected .*'max_features': 11.*"),
+        ({"kernel": "p2l"}, "has members p2p_sift; expected p2l_sift_lbd, as in this run"),
+        ({"descriptor": "orb"}, "has members p2p_sift; expected p2p_orb, as in this run"),
+        ({"descriptor": {"sift": {"root": True}}}, "has extractors .*'root': False.*; expected .*'root': True.*"),
+        ({"model": {**NETWORK, "hidden_dim": 5}}, "has model .*'hidden_dim': 4.*expected .*'hidden_dim': 5.*"),
+        ({"model": {**NETWORK, "layers": 2}}, "has model .*'layers': 1.*expected .*'layers': 2.*"),
+        ({"model": "bilinear"}, "has model .*'message_passing'.*expected .*'bilinear'.*"),
+        ({"features": 11}, "has features .*'max_features': 10.*expected .*'max_features': 11.*"),
     ],
 )
 def test_init_from_another_network_is_refused(
