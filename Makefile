@@ -30,7 +30,7 @@ reproduce: $(READY) ## train and score over several seeds: make reproduce ARGS="
 test: $(READY) ## all tests
 	$(PYTEST) $(ARGS)
 
-test-fast: $(READY) ## the tests that take no more than seconds
+test-fast: $(READY) ## the tests that take less than a second each
 	$(PYTEST) -m "not slow" $(ARGS)
 
 lint: $(READY) ## style, types, and the direction of imports

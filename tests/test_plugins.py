@@ -368,6 +368,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_plug_in_disturbs_nobody_and_is_told_when_it_is_used(install: Install, name: str) -> None:
     points = {registry.group: {name: f"{name}_module:Class"} for registry in REGISTRIES}
@@ -405,6 +406,7 @@ class Middle(InstanceScorer):
         return self.gain * torch.stack(terms).mean(dim=0)
 
 
+@pytest.mark.slow
 def test_registered_classes_are_learned_with_saved_and_loaded(
     fresh_registries: None, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:

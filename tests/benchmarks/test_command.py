@@ -58,6 +58,7 @@ def test_unsupported_precision_falls_back_to_first_available(tmp_path: Path) -> 
     assert [row["precision"] for row in rows] == ["float32"]
 
 
+@pytest.mark.slow
 def test_limit_s_leaves_out_slow_cases(tmp_path: Path) -> None:
     process = run("select_out", *SMALL, "features=[8,16]", "limit_s=1e-9", f"hydra.run.dir={tmp_path}")
     assert process.returncode == 0

@@ -79,6 +79,7 @@ def stages(demonstration_folder: Path, spec: SkillSpec) -> Stages:
     return Stages.of(ImageFolder(demonstration_folder), 4, spec, "cpu", 3)
 
 
+@pytest.mark.slow
 def test_workloads_process_all_frames_with_the_same_skill(
     stages: Stages, demonstration_frames: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +117,7 @@ def test_prototypes_are_descriptors_of_the_video(stages: Stages) -> None:
     assert all(frame is not following for frame, following in pairwise(stages.frames))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

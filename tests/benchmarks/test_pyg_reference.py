@@ -69,6 +69,7 @@ def random_case(
     return scorer, descriptors, torch.randint(5, (len(motif.roles), 7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIFS)
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize(

@@ -67,6 +67,7 @@ def test_required_products_match_the_counted_operations(kernel: Kernel, read_out
     assert required <= counter.get_total_flops() <= required + 4 * weight_product
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("job", ["select_out", "training"])
 @pytest.mark.parametrize(
     ("model", "precision"),
@@ -87,6 +88,7 @@ def test_workloads_are_repeatable(job: str, model: str, precision: str) -> None:
             assert torch.equal(first, second)
 
 
+@pytest.mark.slow
 def test_networks_are_those_of_the_configuration() -> None:
     assert set(PRESETS) == {"default", "paper", "bilinear", "prototypes"}
     names = {preset: network_arguments(preset)["name"] for preset in PRESETS}

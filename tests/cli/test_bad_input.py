@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 import torch
 
+from geoskill.cli.command import UNUSABLE_INPUT, explain
+from geoskill.cli.compose import compose_training
 from geoskill.cli.schemas import RENAMED
 
 Command = Callable[..., Any]
@@ -73,6 +75,18 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
     return check
 
 
+def check_composition_is_refused(overrides: Sequence[str], *words: str) -> None:
+    """What composition refuses is told in one line; the commands print it (``test_value_of_the_command``)."""
+    status, message = 0, ""
+    try:
+        compose_training(*overrides)
+    except Exception as error:
+        status, message = explain(error, "train")
+    assert status == UNUSABLE_INPUT
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
@@ -85,7 +99,6 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("+objective.width=3", ["'objective.width'", "no such key"]),
         ("+trainer.width=3", ["'trainer.width'", "no such key"]),
         ("++trainer.width=3", ["'trainer.width'", "no such key"]),
-        ("+kernel.p2p.size=3", ["kernel=p2p has no argument 'size'; expected no arguments"]),
         ("+descriptor.sift.roots=true", ["'descriptor.sift.roots'", "expected descriptor.sift.root, or one of --cfg"]),
         ("+see=1", ["'see'", "no such key; expected seed, or one of --cfg job"]),
         ("~trainer.width", ["'trainer.width'", "no such key"]),
@@ -97,10 +110,21 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
         ("descriptor=surf", ["descriptor/surf", "sift"]),
         ("model=transformer", ["model/transformer", "message_passing"]),
         ("task=welding", ["task/welding", "sorting", "video"]),
-        ("task=insertion", ["'task.path'", "no such key", "task=video"]),  # a simulated task has no path
         ("scenario=fog", ["scenario/fog", "illumination"]),
         ("experiment=papers", ["experiment/papers", "paper"]),
+    ],
+)
+def test_unknown_keys_and_choices(monkeypatch: pytest.MonkeyPatch, override: str, words: Sequence[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["train.py", "task=video", override])  # where the message looks for choices
+    check_composition_is_refused(["task=video", override], *words)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
         ("seed", ["'seed'", "EQUAL"]),
+        ("+kernel.p2p.size=3", ["kernel=p2p has no argument 'size'; expected no arguments"]),
+        ("task=insertion", ["'task.path'", "no such key", "task=video"]),  # a simulated task has no path
         ("--kernel", ["--kernel", "KEY=VALUE"]),
         ("demonstration.gap=20", ["20 frame(s)", "at least 21"]),
         ("task.path=null", ["task.path is not set", "task=video", "task.path=DIR_OR_FILE"]),
@@ -180,7 +204,14 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
         ("features=null", "FeaturesConfig"),
     ],
 )
-def test_values(refused: Callable[..., None], override: str, expected: str) -> None:
+def test_values(override: str, expected: str) -> None:
+    check_composition_is_refused(["task=video", override], f"{override}: expected {expected}")
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"), [("seed=abc", "a whole number"), ("objective.sigma0=-1", "a number")]
+)
+def test_value_of_the_command(refused: Callable[..., None], override: str, expected: str) -> None:
     refused(2, [override], f"error: {override}: expected {expected}")
 
 
@@ -216,8 +247,8 @@ def test_cascades(refused: Callable[..., None], overrides: Sequence[str], words:
         ("ema_decay=x", "a number of at least 0 and below 1, or null"),
     ],
 )
-def test_values_that_the_paper_leaves_out(refused: Callable[..., None], override: str, expected: str) -> None:
-    refused(2, ["experiment=paper", override], f"error: {override}: expected {expected}")
+def test_values_that_the_paper_leaves_out(override: str, expected: str) -> None:
+    check_composition_is_refused(["task=video", "experiment=paper", override], f"{override}: expected {expected}")
 
 
 @pytest.mark.skipif(torch.cuda.is_available() or torch.backends.mps.is_available(), reason="there is a GPU")
@@ -246,6 +277,7 @@ def simulated(tiny: Sequence[str]) -> list[str]:
     return [override for override in tiny if not override.startswith("task")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "words"),
     [
@@ -406,6 +438,7 @@ def test_skills_and_videos_of_infer(
     assert snapshot(tmp_path / "run") == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
@@ -456,6 +489,7 @@ def test_evaluate(command: Command, skill: Path, demonstration_folder: Path, tmp
     assert snapshot(tmp_path / "run") == {}
 
 
+@pytest.mark.slow
 def test_failing_run_leaves_earlier_results(
     command: Command,
     tiny: Sequence[str],
@@ -499,6 +533,7 @@ def test_debug_shows_the_traceback(command: Command, tiny: Sequence[str], tmp_pa
     assert ended.stderr.splitlines()[-1].startswith("error: objective.sigma0")
 
 
+@pytest.mark.slow
 def test_program_error_has_status_1(
     command: Command, tiny: Sequence[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

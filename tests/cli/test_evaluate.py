@@ -87,6 +87,7 @@ def test_every_seventh_frame(command: Command, skill: Path, demonstration_folder
         assert [int(row["frame"]) for row in csv.DictReader(file)] == [0, 7, 14]
 
 
+@pytest.mark.slow
 def test_frames_without_labels_are_counted(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:

@@ -109,7 +109,7 @@ def check_everywhere(simulated_skill: Path, tmp_path: Path) -> Callable[[list[An
 
 
 @pytest.mark.usefixtures("annotations_unchecked")
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", [0, *(pytest.param(other, marks=pytest.mark.slow) for other in range(1, 6))])
 def test_attacks_run_nothing(
     check_everywhere: Callable[[list[Any]], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
@@ -121,6 +121,7 @@ def test_attacks_run_nothing(
     assert "hostile_module" not in sys.modules
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("annotations_unchecked")
 @pytest.mark.parametrize("number", range(len(WRONG_TYPES)))
 def test_wrong_types_are_refused_or_harmless(check_everywhere: Callable[[list[Any]], None], number: int) -> None:

@@ -59,6 +59,7 @@ def test_demonstration_gives_the_associations_of_training(
     assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 20
 
 
+@pytest.mark.slow
 def test_abstaining(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
     source = [f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}"]
     ended = command("infer", *source, "inference.abstain=1")

@@ -127,11 +127,12 @@ def test_member_of_an_ensemble_learns_what_it_learns_alone(
         assert torch.equal(both[key], weight), key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kernel", "members", "freedoms"),
     [
-        pytest.param("p2l", {"p2l_sift_lbd"}, 1, marks=pytest.mark.slow),
-        pytest.param("par", {"par_lbd"}, 1, marks=pytest.mark.slow),
+        ("p2l", {"p2l_sift_lbd"}, 1),
+        ("par", {"par_lbd"}, 1),
         ("p2p_l2l", {"p2p_sift", "l2l_lbd"}, 4),
     ],
 )
@@ -148,6 +149,7 @@ def test_kernels_and_ensembles(
     assert set(checkpoint["skill"]["specification"]["members"]) == members
 
 
+@pytest.mark.slow
 def test_paper_experiment(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
     # The choices of `tiny` win over those of the experiment: a small network, and three transitions an epoch.
     ended = command("train", *tiny, "experiment=paper", f"hydra.run.dir={tmp_path}")

@@ -22,6 +22,7 @@ from geoskill.tuning import NegativesConfig
 Training = Any
 
 
+@pytest.mark.slow
 def test_negatives_come_from_transformed_frames_and_dead_leaves(demonstration_frames: tuple[np.ndarray, ...]) -> None:
     frames, pipeline = demonstration_frames[:3], FeaturePipeline(Sift(), max_features=20, min_side=0)
     reports = []
@@ -44,6 +45,7 @@ def test_negatives_come_from_transformed_frames_and_dead_leaves(demonstration_fr
     assert np.array_equal(synthesize_negatives(frames, pipeline, progress).descriptors, negatives.descriptors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source_frames", "leaves_per_frame"), [(1, 0), (2, 1), (3, 0)])
 def test_negatives_come_from_as_many_pictures_as_configured(
     demonstration_frames: tuple[np.ndarray, ...], source_frames: int, leaves_per_frame: int

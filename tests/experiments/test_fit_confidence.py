@@ -219,6 +219,7 @@ def test_a_folder_that_is_no_seed_is_refused(tmp_path: Path, capsys: pytest.Capt
     assert capsys.readouterr().err.endswith("'best' is no seed; expected SEED/TEST_SET/frames.csv\n")
 
 
+@pytest.mark.slow
 def test_the_command_says_that_there_are_no_frames(tmp_path: Path) -> None:
     ended = subprocess.run([sys.executable, SCRIPT, tmp_path], capture_output=True, text=True, check=False)
     expected = f"error: {tmp_path}: contains no frames.csv; expected SEED/TEST_SET/frames.csv, as a study has them\n"

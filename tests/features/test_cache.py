@@ -318,6 +318,7 @@ print(computed)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit_mb", [500.0, 0.1], ids=["roomy", "evicting"])
 def test_two_processes_share_a_folder(tmp_path: Path, limit_mb: float) -> None:
     folder, meeting = tmp_path / "cache", tmp_path / "meeting"

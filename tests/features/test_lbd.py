@@ -123,10 +123,12 @@ def check_repeatability(images: Sequence[np.ndarray]) -> None:
     assert by_chance < 0.1, "the criterion accepts pairs that were not matched"
 
 
+@pytest.mark.slow
 def test_edges_of_real_frames_are_matched_after_warps(blocks: Path) -> None:
     check_repeatability(frames(blocks))
 
 
+@pytest.mark.slow
 def test_edges_of_a_textured_picture_are_matched_after_warps() -> None:
     check_repeatability([textured_picture(0)])
 

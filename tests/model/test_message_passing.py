@@ -130,6 +130,7 @@ def test_message_passing_rejects_memory_that_is_not_positive(memory_mb: float) -
         MessagePassing(P2P, hidden_dim=4, layers=2, shared_weights=True, read_out="product", memory_mb=memory_mb)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory_mb", [1e-9, 0.01, 0.1])
 def test_recomputed_states_give_the_same_gradients(memory_mb: float) -> None:
     """The smallest memory does not hold an instance, the next a few, the last some tens."""
@@ -170,6 +171,7 @@ def test_saved_bytes_are_within_the_assumed_bounds(read_out: str, precision: str
     assert 6.0 * layers + 2 < kept / state < SAVED_PER_STEP * layers + SAVED_BY_READ_OUT
 
 
+@pytest.mark.slow
 def test_memory_limit_bounds_saved_bytes() -> None:
     scorer = MessagePassing(P2P, hidden_dim=64, layers=4, shared_weights=True, read_out="product", memory_mb=4)
     few, many = (_kept_bytes(scorer, torch.combinations(torch.arange(count)).T) for count in (60, 240))

@@ -77,6 +77,7 @@ def test_scorer_names_are_those_of_their_files() -> None:
     assert names == {name: name for name in ("bilinear", "message_passing", "prototypes")}
 
 
+@pytest.mark.slow
 @every_scorer
 @every_motif
 @settings(max_examples=15, deadline=None)
@@ -100,6 +101,7 @@ def test_scores_depend_on_the_order_of_distinct_nodes(scorer: str) -> None:
     assert (different[(index[0] != index[1])] > 1e-9).all()
 
 
+@pytest.mark.slow
 @every_scorer
 @every_motif
 @settings(max_examples=10, deadline=None)

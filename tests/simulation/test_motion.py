@@ -31,6 +31,7 @@ def test_minimum_jerk_has_the_values_of_its_polynomial() -> None:
     assert np.all(np.diff(minimum_jerk(np.linspace(0, 1, 100))) > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("confidence", [0.05, 0.93, 1.0])
 def test_human_motion_begins_at_the_start_and_ends_at_the_goal(confidence: float) -> None:
     for frames in FRAMES:

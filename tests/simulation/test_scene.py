@@ -67,6 +67,7 @@ def count_pixels(recording: Recording, frame: int, role: SceneRole, step: int = 
     return sum(point is not None and point.role is role for point in points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS)
 def test_recording_has_its_size_bodies_and_roles(recorded: Recorded, task: str) -> None:
     recording = recorded(task, "demonstration")
@@ -80,6 +81,7 @@ def test_recording_has_its_size_bodies_and_roles(recorded: Recorded, task: str) 
     assert all(count_pixels(recording, 0, role) > 50 for role in SceneRole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", RIGID)
 def test_ground_truth_agrees_with_projected_points(recorded: Recorded, task: str) -> None:
     recording = recorded(task, "demonstration")
@@ -95,6 +97,7 @@ def test_ground_truth_agrees_with_projected_points(recorded: Recorded, task: str
         np.testing.assert_allclose(point.position, position, atol=2 * MILLIMETER)
 
 
+@pytest.mark.slow
 def test_table_is_a_plane_for_a_moving_camera(recorded: Recorded) -> None:
     recording = recorded("sorting", "move_camera", actor="robot", move_camera=True)
     table = recording.bodies.index("table")
@@ -117,6 +120,7 @@ def test_box_faces_agree_with_its_pose_on_all_frames(recorded: Recorded) -> None
         assert np.quantile(outside.max(axis=1), 0.01) > -2 * MILLIMETER
 
 
+@pytest.mark.slow
 def test_cloth_vertices_agree_with_pixels(recorded: Recorded) -> None:
     recording = recorded("folding", "demonstration")
     cloth = cloth_of(recording)
@@ -134,6 +138,7 @@ def test_cloth_vertices_agree_with_pixels(recorded: Recorded) -> None:
         np.testing.assert_allclose(point.position, position, atol=2 * MILLIMETER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("actor", ["human", pytest.param("robot", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("task", RIGID)
 def test_object_starts_elsewhere_and_reaches_the_goal(recorded: Recorded, task: str, actor: str) -> None:
@@ -157,6 +162,7 @@ def test_object_starts_elsewhere_and_reaches_the_goal(recorded: Recorded, task: 
     np.testing.assert_allclose(last[:3, :3], np.eye(3), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("actor", ["human", pytest.param("robot", marks=pytest.mark.slow)])
 def test_folded_end_of_the_cloth_lies_on_the_mark(recorded: Recorded, actor: str) -> None:
     recording = recorded("folding", "demonstration" if actor == "human" else "robot", actor=actor)
@@ -176,6 +182,7 @@ def test_folded_end_of_the_cloth_lies_on_the_mark(recorded: Recorded, actor: str
     assert folded[:, 2].max() < 0.04
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["sorting", "folding"])
 def test_recording_is_repeatable(recorded: Recorded, task_named: Callable[[str], Task], task: str) -> None:
     first = pack(recorded(task, "demonstration"))
@@ -203,6 +210,7 @@ def test_episode_changes_placements_and_seed_changes_appearance(recorded: Record
     assert np.abs(tiles(first) - tiles(other_seed)).max() > 30
 
 
+@pytest.mark.slow
 def test_stride_does_not_change_the_motion(recorded: Recorded, task_named: Callable[[str], Task], opengl: None) -> None:
     coarse = recorded("sorting", "demonstration")
     fine = record(RecordingSettings(task_named("sorting"), ScenarioConfig("human"), 0, "demonstration", 16))

@@ -47,6 +47,7 @@ def test_temporal_filter_on_first_frame_equals_skill(skill: Skill, demonstration
     np.testing.assert_array_equal(first.error, alone.error)
 
 
+@pytest.mark.slow
 def test_temporal_filter_switches_less_than_skill(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
     switches = []
     for infer in (skill.infer, TemporalFilter(skill).infer):
@@ -161,6 +162,7 @@ def test_temporal_filter_drops_lost_association(
     assert again.associations == skill.infer(demonstration_frames[6]).associations
 
 
+@pytest.mark.slow
 def test_temporal_filter_passes_co_motion_settings_on(skill: Skill, demonstration_frames: Sequence[np.ndarray]) -> None:
     """Where no displacement is large enough, nothing is in co-motion, and the penalty changes nothing."""
     config = TemporalFilterConfig(co_motion=CoMotionConfig(min_displacement_ratio=10.0), co_motion_penalty=100.0)
@@ -174,6 +176,7 @@ def test_temporal_filter_passes_co_motion_settings_on(skill: Skill, demonstratio
     assert [association.weight for association in last] != [association.weight for association in expected]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [None, TemporalFilterConfig(co_motion_penalty=1.0)], ids=["default", "1"])
 def test_temporal_filter_penalizes_co_moving_nodes(
     skill: Skill, demonstration_frames: Sequence[np.ndarray], config: TemporalFilterConfig | None

@@ -53,6 +53,7 @@ class InterruptAt(Callback):
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_resumed_run_equals_the_unbroken_run(training: Training, whole: Whole, tmp_path: Path) -> None:
     training.run(training.module(), tmp_path / "first", epochs=2)
     module = training.module()
@@ -62,6 +63,7 @@ def test_resumed_run_equals_the_unbroken_run(training: Training, whole: Whole, t
     assert (tmp_path / "second" / "metrics.csv").read_text() == (whole.folder / "metrics.csv").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [7, 9])
 def test_resume_after_an_interruption_in_the_third_epoch(
     training: Training, whole: Whole, tmp_path: Path, interrupts: None, step: int
@@ -77,6 +79,7 @@ def test_resume_after_an_interruption_in_the_third_epoch(
     assert torch.equal(flat(module), whole.weights)
 
 
+@pytest.mark.slow
 def test_resume_after_an_interruption_in_the_first_epoch(
     training: Training, whole: Whole, tmp_path: Path, interrupts: None
 ) -> None:
@@ -94,6 +97,7 @@ def test_resume_after_an_interruption_in_the_first_epoch(
     assert torch.equal(flat(module), whole.weights)
 
 
+@pytest.mark.slow
 def test_resume_after_two_interruptions(training: Training, whole: Whole, tmp_path: Path, interrupts: None) -> None:
     """The second time right after it went on, in the same folder as the first."""
     for resume, step in ((None, 7), (tmp_path / "run" / "skill.ckpt", 7), (tmp_path / "run" / "skill.ckpt", 11)):
@@ -105,6 +109,7 @@ def test_resume_after_two_interruptions(training: Training, whole: Whole, tmp_pa
     assert torch.equal(flat(module), whole.weights)
 
 
+@pytest.mark.slow
 def test_resume_of_a_complete_run_changes_nothing(training: Training, whole: Whole, tmp_path: Path) -> None:
     module = training.module()
     table = training.run(module, tmp_path / "again", epochs=4, resume=whole.folder / "skill.ckpt")

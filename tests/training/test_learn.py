@@ -62,6 +62,7 @@ def test_learn_is_public() -> None:
     assert geoskill.LearnedSkill is LearnedSkill
 
 
+@pytest.mark.slow
 def test_learn_takes_one_demonstration_in_every_form(
     ensemble: LearnedSkill,
     learn_unchecked: Learn,
@@ -77,6 +78,7 @@ def test_learn_takes_one_demonstration_in_every_form(
         assert_equal_states(state_of(learned.skill), expected)
 
 
+@pytest.mark.slow
 def test_learn_takes_several_demonstrations_in_every_form(
     learn_unchecked: Learn, configured: Configured, pictures: np.ndarray, folder: Path, state_of: StateOf
 ) -> None:

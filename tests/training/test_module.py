@@ -30,6 +30,7 @@ def column(table: MetricsTable, name: str) -> np.ndarray:
     return np.array([row[name] for row in table.rows])
 
 
+@pytest.mark.slow
 def test_training_learns_to_join_the_moving_tile_with_its_target(
     training_of: Callable[..., Training], demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:
@@ -51,6 +52,7 @@ def test_training_learns_to_join_the_moving_tile_with_its_target(
     assert right >= 17  # of 20; about a third of all instances join the two tiles
 
 
+@pytest.mark.slow
 def test_ensemble_learns_what_its_members_learn_alone(
     training: Training, training_of: Callable[..., Training], tmp_path: Path
 ) -> None:
@@ -79,6 +81,7 @@ def test_noise_differs_between_members_steps_and_processes(training: Training, m
     assert len({tuple(numbers.tolist()) for numbers in drawn}) == 2 * 3 * 2 * 2
 
 
+@pytest.mark.slow
 def test_noise_and_dropout_change_what_is_learned_but_not_from_run_to_run(training: Training, tmp_path: Path) -> None:
     learned = []
     for number, (noise, dropout) in enumerate(((0.3, 0.2), (0.3, 0.2), (0.0, 0.2), (0.3, 0.0))):
@@ -108,6 +111,7 @@ def gradient_norm(module: nn.Module) -> float:
     return float(torch.cat([p.grad.flatten() for p in module.parameters() if p.grad is not None]).norm())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "limit", "order"), [("norm", 1e-3, 2), ("value", 1e-5, float("inf"))])
 def test_gradients_are_clipped_by_norm_or_by_value(
     training: Training, tmp_path: Path, algorithm: str, limit: float, order: float
@@ -163,6 +167,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "model", "precision"),
     [
@@ -187,6 +192,7 @@ def test_every_variant_trains(training: Training, tmp_path: Path, variant: str, 
         assert {parameter.dtype for parameter in member.parameters()} == {torch.float32}
 
 
+@pytest.mark.slow
 def test_bfloat16_is_close_to_float32(training: Training, tmp_path: Path) -> None:
     full, mixed = (
         training.run(training.module(), tmp_path / precision, epochs=1, precision=precision)
@@ -198,6 +204,7 @@ def test_bfloat16_is_close_to_float32(training: Training, tmp_path: Path) -> Non
         np.testing.assert_allclose(rounded, exact, rtol=0, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_monte_carlo_samples_are_repeatable(training: Training, tmp_path: Path) -> None:
     learned = []
     for number in range(2):

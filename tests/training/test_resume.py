@@ -123,6 +123,7 @@ def interrupted(
     return caught.value.epochs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1, 3, 4, 7])
 def test_resumed_training_equals_the_unbroken_one(
     learn_unchecked: Learn,
@@ -151,6 +152,7 @@ def test_resumed_training_equals_the_unbroken_one(
     assert all(torch.equal(value, expected[name]) for name, value in state.items())
 
 
+@pytest.mark.slow
 def test_training_that_is_interrupted_twice_equals_the_unbroken_one(
     learn_unchecked: Learn,
     config: TrainConfig,
@@ -175,6 +177,7 @@ def assert_only_last_is_finished(seen: list[StoredSkill], epochs: list[int]) -> 
         assert all((margin > 0) == stored.provenance.finished for margin in margins(stored))
 
 
+@pytest.mark.slow
 def test_only_the_last_checkpoint_is_finished(unbroken: Unbroken) -> None:
     assert_only_last_is_finished(unbroken.seen, [0, 1, 2, 3])
     assert {stored.provenance.epochs[1] for stored in unbroken.seen} == {EPOCHS}
@@ -189,6 +192,7 @@ def test_metrics_of_a_checkpoint_are_those_of_its_epoch(unbroken: Unbroken) -> N
         assert by_epoch[epoch]["rsw"] == pytest.approx(np.mean(means), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_checkpoint_with_all_epochs_is_finished_by_calibration(
     learn_unchecked: Learn,
     config: TrainConfig,
@@ -234,6 +238,7 @@ def test_resuming_what_is_finished_changes_nothing(
     assert read_skill(tmp_path).provenance == read_skill(unbroken.folder).provenance
 
 
+@pytest.mark.slow
 def test_finished_training_goes_on_for_more_epochs(
     learn_unchecked: Learn,
     config: TrainConfig,
@@ -251,6 +256,7 @@ def test_finished_training_goes_on_for_more_epochs(
     assert_only_last_is_finished(observer.seen, [1, 2, 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ema_decay", [0.9, None])
 def test_early_stopping_ends_with_a_finished_checkpoint(
     learn_unchecked: Learn,

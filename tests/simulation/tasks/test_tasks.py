@@ -63,6 +63,7 @@ def test_scene_has_roles_and_a_path_and_nothing_collides(task_named: Callable[[s
     assert not np.any(model.geom_contype | model.geom_conaffinity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_appearance_does_not_depend_on_the_episode(task_named: Callable[[str], Task], name: str) -> None:
     task = task_named(name)
@@ -81,6 +82,7 @@ def test_appearance_does_not_depend_on_the_episode(task_named: Callable[[str], T
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_goal_moves_with_the_target(task_named: Callable[[str], Task], name: str) -> None:
     task = task_named(name)
