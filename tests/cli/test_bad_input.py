@@ -87,6 +87,7 @@ def check_composition_is_refused(overrides: Sequence[str], *words: str) -> None:
     assert all(word in message for word in words), message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "words"),
     [
@@ -138,6 +139,7 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
     refused(2, [override], *words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
