@@ -220,8 +220,9 @@ def test_stride_does_not_change_the_motion(recorded: Recorded, task_named: Calla
         RecordingSettings(task_named("sorting"), ScenarioConfig("human"), 0, "demonstration", 0)
 
 
-# The contract of the scenarios, tested on every 6th frame.
+# The contract of the scenarios, tested on every 6th frame. Cloth takes ten times as long to simulate.
 SEEDS = [0, 1, 2]
+CASES = [(task, seed) for task in TASKS for seed in (SEEDS[:1] if task == "folding" else SEEDS)]
 
 
 def usual_and_difficult(recorded: Recorded, task: str, scenario: str, seed: int) -> tuple[Recording, Recording]:
@@ -231,8 +232,7 @@ def usual_and_difficult(recorded: Recorded, task: str, scenario: str, seed: int)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "seed"), CASES)
 def test_illumination_removes_most_of_the_light(recorded: Recorded, task: str, seed: int) -> None:
     usual, dark = usual_and_difficult(recorded, task, "illumination", seed)
     lit, unlit = (np.array([recording.picture(k).mean() for k in range(len(recording))]) for recording in (usual, dark))
@@ -244,8 +244,7 @@ def test_illumination_removes_most_of_the_light(recorded: Recorded, task: str, s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "seed"), CASES)
 def test_move_camera_turns_and_shifts_the_camera(recorded: Recorded, task: str, seed: int) -> None:
     recording = recorded(task, "move_camera", seed, actor="robot", move_camera=True)
     turn = recording.camera_poses[0, :3, :3].T @ recording.camera_poses[-1, :3, :3]
@@ -260,8 +259,7 @@ def test_move_camera_turns_and_shifts_the_camera(recorded: Recorded, task: str, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "seed"), CASES)
 def test_occlusion_hides_half_of_object_or_target_for_a_third_of_the_time(
     recorded: Recorded, task: str, seed: int
 ) -> None:
@@ -279,8 +277,7 @@ def test_occlusion_hides_half_of_object_or_target_for_a_third_of_the_time(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "seed"), CASES)
 def test_outside_fov_hides_the_object_for_a_quarter_of_the_time(recorded: Recorded, task: str, seed: int) -> None:
     recording = recorded(task, "outside_fov", seed, stride=6, actor="robot", outside_fov=True)
     counts = np.array([count_pixels(recording, k, SceneRole.OBJECT, step=2) for k in range(len(recording))])
