@@ -52,6 +52,9 @@ def register_schemas(command: str, schema: type[Config]) -> None:
     arguments are those of its constructor; one that cannot be is left to the message of its use.
     """
     store = ConfigStore.instance()
+    # Hydra copies its sources, the store with all schemas among them, before whatever it looks up, a hundred times for
+    # --help; what it takes from the store is a copy anyway.
+    ConfigStore.__deepcopy__ = lambda self, _memo: self  # type: ignore[attr-defined]
     # What a group decides is left open here, lest one choice is merged into another.
     groups = [own.name for own in dataclasses.fields(schema) if own.name in GROUPS]  # type: ignore[arg-type]
     store.store(name=f"{command}_schema", node=schema(**dict.fromkeys(groups)))
