@@ -17,7 +17,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException
 from omegaconf import DictConfig, OmegaConf
 
-from geoskill.benchmarks.config import BenchmarkConfig, PipelineConfig
+from geoskill.benchmarks.config import BenchmarkConfig, PipelineConfig, WaitingConfig
 from geoskill.cli import schemas
 from geoskill.cli.compose import compose_training, configuration_folder, register_schemas, typed
 from geoskill.cli.schemas import EvaluateCommandConfig, SimulatedTaskConfig, VideoTaskConfig
@@ -32,7 +32,7 @@ from geoskill.schema import as_plain
 from geoskill.simulation.tasks.task import Task
 from geoskill.training.trainer import build_optimizer
 
-SCHEMAS = {**schemas.COMMANDS, "pipeline": PipelineConfig, "benchmark": BenchmarkConfig}
+SCHEMAS = {**schemas.COMMANDS, "pipeline": PipelineConfig, "benchmark": BenchmarkConfig, "waiting": WaitingConfig}
 for _command, _schema in SCHEMAS.items():
     register_schemas(_command, _schema)
 

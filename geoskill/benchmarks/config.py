@@ -46,3 +46,16 @@ class PipelineConfig(Config):
     )
     device: str = setting("cpu", "Device.", choices=("cpu", "cuda"))
     debug: bool = setting(False, "Show the traceback of an error.")
+
+
+@final
+@dataclass
+class WaitingConfig(Config):
+    """`geoskill.benchmarks.waiting`: what people wait for."""
+
+    video: Any = setting(None, "The demonstration: a video file or a folder of images.")
+    overrides: list[str] = field(default_factory=lambda: ["kernel=p2p"])
+    frames: int = setting(60, "Live frames on which selection is timed.", at_least=1)
+    repeats: int = setting(1, "Timed rounds.", at_least=1)
+    threads: int = setting(2, "Threads of the training whose wall time is taken.", at_least=1)
+    debug: bool = setting(False, "Show the traceback of an error.")

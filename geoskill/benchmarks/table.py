@@ -122,11 +122,12 @@ def write_report(rows: Sequence[Row], machine: Mapping[str, Any], folder: Path, 
     write_files(content, markdown(rows), growth_figure(rows), folder, name)
 
 
-def write_files(content: Mapping[str, Any], table: str, figure: Figure, folder: Path, name: str) -> None:
-    """Write a report's content to ``NAME.json``, its table to ``NAME.md`` and its plot to ``NAME.png`` in a folder."""
+def write_files(content: Mapping[str, Any], table: str, figure: Figure | None, folder: Path, name: str) -> None:
+    """Write a report's content to ``NAME.json``, its table to ``NAME.md`` and its plot, if any, to ``NAME.png``."""
     (folder / f"{name}.json").write_text(json.dumps(content, indent=2), encoding="utf-8")
     (folder / f"{name}.md").write_text(table, encoding="utf-8")
-    save_figure(figure, folder / f"{name}.png")
+    if figure is not None:
+        save_figure(figure, folder / f"{name}.png")
 
 
 def growth_figure(rows: Sequence[Row]) -> Figure:
