@@ -8,7 +8,7 @@ import functools
 import math
 import types
 from abc import ABC
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -152,16 +152,23 @@ def as_plain(value: Any) -> Any:
 
 
 def markdown_table(schema: type, prefix: str = "") -> str:
-    """Return the reference of a configuration class as a Markdown table: key, default, expectation, meaning."""
-    lines = ["| key | default | expected | meaning |", "|---|---|---|---|"]
+    """Return the reference of a configuration class as a Markdown table."""
     defaults = schema()  # whose nested configurations may differ from the defaults of their classes
+    rows = []
     for key, settings_field, hint in flatten(schema):
         default = functools.reduce(getattr, key.split("."), defaults)
+        expected = expectation(settings_field, hint)
+        rows.append((f"{prefix}{key}", default, expected, settings_field.metadata["help"]))
+    return reference_table(rows)
+
+
+def reference_table(rows: Iterable[tuple[str, Any, str, str]]) -> str:
+    """Return a Markdown table of settings, each with its key, default, expectation and meaning."""
+    lines = ["| key | default | expected | meaning |", "|---|---|---|---|"]
+    for key, default, expected, meaning in rows:
         simple = default is None or isinstance(default, bool | int | float | str)
         shown = f"`{as_written(default)}`" if simple else "see the group"
-        lines.append(
-            f"| `{prefix}{key}` | {shown} | {expectation(settings_field, hint)} | {settings_field.metadata['help']} |"
-        )
+        lines.append(f"| `{key}` | {shown} | {expected} | {meaning} |")
     return "\n".join(lines) + "\n"
 
 

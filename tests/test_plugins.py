@@ -444,7 +444,7 @@ def test_results_of_plug_ins_are_cached_by_their_code(install: Install, tmp_path
     assert code_identity(PointToPoint) == ""
 
 
-# Checkpoints of strangers
+# Checkpoints from others
 
 
 def spec_with(example_part: str, **changes: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
 from statistics import median
@@ -19,6 +19,7 @@ from typing import final
 from geoskill.benchmarks.config import WaitingConfig
 from geoskill.cli.command import Run, run_command
 from geoskill.errors import InputError
+from geoskill.io.frames import FrameSource
 
 # The first frames have no past, which makes selection cheaper.
 WARM_UP_FRAMES = 12
@@ -46,59 +47,55 @@ def measure(config: WaitingConfig, run: Run) -> None:
     Raises:
         InputError: when there is no video, it cannot be read, or a program fails.
     """
-    if config.video is None:
-        raise InputError("video is not set; expected a demonstration: video=DIR_OR_FILE")
     from geoskill.benchmarks.machine import describe_machine
     from geoskill.benchmarks.table import write_files
-    from geoskill.io.sources import open_frames
+    from geoskill.cli.inputs import open_recording, required
 
-    open_frames(config.video)  # whatever is wrong with it is told before anything is timed
+    # Whatever is wrong with it is told before anything is timed.
+    source = open_recording(required("video", config.video, "a demonstration"), None)
     with tempfile.TemporaryDirectory() as folder:
-        rows = list(_measure(config, Path(folder)))
+        rows = list(_measure(config, source, Path(folder)))
     table = markdown(rows)
     content = {
         "machine": describe_machine("cpu", config.threads, config.repeats),
-        "source": str(config.video),
-        "rows": [{"what": row.what, "clock": row.clock, "seconds": list(row.seconds)} for row in rows],
+        "source": source.name,
+        "rows": [asdict(row) for row in rows],
     }
     write_files(content, table, None, run.folder, "waiting")
     print(table)
     print(run.folder)
 
 
-def _measure(config: WaitingConfig, folder: Path) -> Iterator[Waited]:
-    learned = folder / "one thread"
+def _measure(config: WaitingConfig, source: FrameSource, folder: Path) -> Iterator[Waited]:
+    training = ["-m", "geoskill.cli.train"]
     for threads, clock in ((1, "processor"), (config.threads, "wall")):
         seconds = []
-        for _ in range(config.repeats):
-            target = learned if threads == 1 else folder / "several threads"
-            training = ["-m", "geoskill.cli.train", "task=video", f"task.path='{config.video}'", "logger=none"]
-            training += [f"threads={threads}", f"hydra.run.dir='{target}'", *config.overrides]
-            # The cache is cold each time.
-            with tempfile.TemporaryDirectory() as cache:
-                seconds.append(timed(training, XDG_CACHE_HOME=cache)[clock == "wall"])
+        for number in range(config.repeats):
+            settings = ["task=video", f"task.path='{config.video}'", "logger=none", f"threads={threads}"]
+            cold = f"cache.folder='{folder}/cache {clock} {number}'"
+            ended = timed([*training, *settings, cold, f"hydra.run.dir='{folder}/{clock}'", *config.overrides])
+            seconds.append(ended[clock == "wall"])
         yield Waited(f"the whole command, {threads} thread{'s'[: threads > 1]}", seconds, clock)
+    learned = folder / "processor"
     starts = {
-        "train --help": ["-m", "geoskill.cli.train", "--help"],
+        "train --help": [*training, "--help"],
         "import geoskill": ["-c", "import geoskill"],
         "Skill.load": ["-c", f"import geoskill; geoskill.Skill.load({str(learned)!r})"],
     }
     for what, program in starts.items():
         yield Waited(what, [timed(program)[0] for _ in range(config.repeats)], "processor")
-    yield Waited("selection of a live frame, 1 thread", _selections(config, learned), "processor")
+    yield Waited("selection of a live frame, 1 thread", _selections(config, source, learned), "processor")
 
 
-def timed(program: Sequence[str], **environment: str) -> tuple[float, float]:
-    """Run Python and return its processor and wall time in seconds.
+def timed(program: Sequence[str]) -> tuple[float, float]:
+    """Run Python with these arguments and return its processor and wall time in seconds.
 
     Raises:
         InputError: when it fails, with the last line that it printed.
     """
     before = time.perf_counter()
     with tempfile.TemporaryFile() as output:
-        process = subprocess.Popen(
-            [sys.executable, *program], env=os.environ | environment, stdout=output, stderr=output
-        )
+        process = subprocess.Popen([sys.executable, *program], stdout=output, stderr=output)
         _, status, usage = os.wait4(process.pid, 0)
         wall = time.perf_counter() - before
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -109,15 +106,14 @@ def timed(program: Sequence[str], **environment: str) -> tuple[float, float]:
     return usage.ru_utime + usage.ru_stime, wall
 
 
-def _selections(config: WaitingConfig, skill_folder: Path) -> list[float]:
+def _selections(config: WaitingConfig, source: FrameSource, skill_folder: Path) -> list[float]:
     """Return processor time per frame, one value for each round."""
-    from geoskill.io.sources import open_frames
     from geoskill.skill.skill import Skill
     from geoskill.skill.temporal_filter import TemporalFilter
     from geoskill.training.trainer import use_threads
 
     skill = Skill.load(skill_folder)
-    images = [frame.image for frame in islice(open_frames(config.video), WARM_UP_FRAMES + config.frames)]
+    images = [frame.image for frame in islice(source, WARM_UP_FRAMES + config.frames)]
     features = [skill.extract(image) for image in images]
     warm_up = min(WARM_UP_FRAMES, len(images) - 1)
     rounds = []

@@ -17,7 +17,7 @@ from geoskill.config import (
     TrainConfig,
 )
 from geoskill.plugins import EXTRACTORS
-from geoskill.schema import WORDS, as_written, markdown_table, setting
+from geoskill.schema import WORDS, markdown_table, reference_table, setting
 
 
 @final
@@ -188,12 +188,12 @@ def markdown_reference() -> str:
 
 
 def _descriptor_reference(name: str) -> str:
-    lines = [f"## descriptor={name}\n", "| key | default | expected | meaning |", "|---|---|---|---|"]
     documentation = inspect.getdoc(EXTRACTORS.get(name)) or ""
+    rows = []
     for key, parameter in EXTRACTORS.parameters(name).items():
         expected = WORDS.get(type(parameter.default), "a value")
         # An entry of the docstring's arguments goes on where lines are indented further.
         entry = re.search(rf"^    {key}: (.*(?:\n     .*)*)", documentation, re.MULTILINE)
         meaning = " ".join(entry[1].split()) if entry else ""
-        lines.append(f"| `descriptor.{name}.{key}` | `{as_written(parameter.default)}` | {expected} | {meaning} |")
-    return "\n".join([*lines, ""])
+        rows.append((f"descriptor.{name}.{key}", parameter.default, expected, meaning))
+    return f"## descriptor={name}\n\n{reference_table(rows)}"

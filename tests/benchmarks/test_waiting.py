@@ -52,7 +52,7 @@ def test_waiting_writes_table_and_json(demonstration_folder: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "error: video is not set; expected a demonstration: video=DIR_OR_FILE"),
+        ([], "error: video is not set; expected a demonstration (video=…)"),
         (["video=/no/such.mp4"], "error: '/no/such.mp4' does not exist"),
         (["video=.", "repeats=0"], "error: repeats=0: expected a whole number of at least 1"),
     ],

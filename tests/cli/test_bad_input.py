@@ -77,14 +77,15 @@ def refused(command: Command, tiny: Sequence[str], tmp_path: Path) -> Callable[.
 
 def check_composition_is_refused(overrides: Sequence[str], *words: str) -> None:
     """What composition refuses is told in one line; the commands print it (``test_value_of_the_command``)."""
-    status, message = 0, ""
+    status, line = 0, ""
     try:
         compose_training(*overrides)
     except Exception as error:
         status, message = explain(error, "train")
+        line = f"error: {message}"
     assert status == UNUSABLE_INPUT
-    assert "\n" not in message
-    assert all(word in message for word in words), message
+    assert "\n" not in line
+    assert all(word in line for word in words), line
 
 
 @pytest.mark.slow
@@ -207,7 +208,7 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
     ],
 )
 def test_values(override: str, expected: str) -> None:
-    check_composition_is_refused(["task=video", override], f"{override}: expected {expected}")
+    check_composition_is_refused(["task=video", override], f"error: {override}: expected {expected}")
 
 
 @pytest.mark.parametrize(
@@ -250,7 +251,8 @@ def test_cascades(refused: Callable[..., None], overrides: Sequence[str], words:
     ],
 )
 def test_values_that_the_paper_leaves_out(override: str, expected: str) -> None:
-    check_composition_is_refused(["task=video", "experiment=paper", override], f"{override}: expected {expected}")
+    overrides = ["task=video", "experiment=paper", override]
+    check_composition_is_refused(overrides, f"error: {override}: expected {expected}")
 
 
 @pytest.mark.skipif(torch.cuda.is_available() or torch.backends.mps.is_available(), reason="there is a GPU")

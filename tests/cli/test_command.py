@@ -28,7 +28,7 @@ Command = Callable[..., Any]
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.slow  # beside the other worker it would take longer
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["train", "infer", "evaluate"])
 def test_help_is_quick_and_imports_nothing_heavy(environment: dict[str, str], name: str) -> None:
     program = (

@@ -139,7 +139,7 @@ def test_cloth_vertices_agree_with_pixels(recorded: Recorded) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("actor", ["human", pytest.param("robot", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("actor", ["human", "robot"])
 @pytest.mark.parametrize("task", RIGID)
 def test_object_starts_elsewhere_and_reaches_the_goal(recorded: Recorded, task: str, actor: str) -> None:
     episode = "demonstration" if actor == "human" else "robot"
@@ -163,7 +163,7 @@ def test_object_starts_elsewhere_and_reaches_the_goal(recorded: Recorded, task: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("actor", ["human", pytest.param("robot", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("actor", ["human", "robot"])
 def test_folded_end_of_the_cloth_lies_on_the_mark(recorded: Recorded, actor: str) -> None:
     recording = recorded("folding", "demonstration" if actor == "human" else "robot", actor=actor)
     cloth = cloth_of(recording)
@@ -220,7 +220,7 @@ def test_stride_does_not_change_the_motion(recorded: Recorded, task_named: Calla
         RecordingSettings(task_named("sorting"), ScenarioConfig("human"), 0, "demonstration", 0)
 
 
-# The contract of the scenarios, tested on every 6th frame. Cloth takes ten times as long to simulate.
+# The contract of the scenarios, tested on every 6th frame. Cloth takes longest.
 SEEDS = [0, 1, 2]
 CASES = [(task, seed) for task in TASKS for seed in (SEEDS[:1] if task == "folding" else SEEDS)]
 
