@@ -22,7 +22,7 @@ from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
-from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, with_instances
+from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, take_features, with_instances
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.motion import Displacement
@@ -183,8 +183,8 @@ class Demonstration(Transitions):
         t, span_index = self._transitions[index]
         member = self.members[name]
         graph = self._graph(member, t, self._spans[span_index], span_index, negatives=False)
-        visible = {node_type: _evenly_chosen(int(graph[f"{node_type}_count"])) for node_type in member.node_types}
-        return with_instances(member.kernel, graph, visible)
+        chosen = {node_type: _evenly_chosen(int(graph[f"{node_type}_count"])) for node_type in member.node_types}
+        return with_instances(member.kernel, take_features(graph, chosen))
 
     def _graph(self, member: KernelModel, frame: int, span: int, span_index: int, negatives: bool = True) -> MotifGraph:
         features, displacement, trajectory = {}, {}, {}

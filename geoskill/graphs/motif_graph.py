@@ -8,6 +8,7 @@ PyTorch Geometric's own ``DataLoader`` batches it.
 import copy
 from collections.abc import Mapping
 from dataclasses import fields
+from itertools import accumulate
 from typing import Any, final
 
 import torch
@@ -94,43 +95,43 @@ def feature_graph(
     return graph
 
 
-def with_instances(
-    kernel: Kernel, graph: MotifGraph, visible: Mapping[NodeType, Bool[Tensor, " n"]] | None = None
-) -> MotifGraph:
-    """Return a copy of a graph, or of a batch of graphs, with exactly the instances of its visible features.
+def with_instances(kernel: Kernel, graph: MotifGraph) -> MotifGraph:
+    """Return a copy of a graph, or of a batch of graphs, with every instance of its features.
 
-    Features keep their rows. A frame may be left without any instance.
-
-    Args:
-        kernel: gives the instances.
-        graph: one frame or a batch of frames.
-        visible: for each of the kernel's node types, whether a feature is visible; None for all.
+    A frame may be left without any instance.
     """
-    rows = {node_type: _visible_rows(graph, node_type, visible) for node_type in node_types(kernel)}
+    types = node_types(kernel)
+    counts = [graph[f"{node_type}_count"].tolist() for node_type in types]
+    starts = {node_type: [0, *accumulate(own)] for node_type, own in zip(types, counts, strict=True)}
+    device = graph[f"{types[0]}_geometry"].device
     index_by_frame = []
-    for frame in range(len(rows[kernel.roles[0]])):
-        frame_rows = {node_type: rows_by_frame[frame] for node_type, rows_by_frame in rows.items()}
-        index = kernel.instances({node_type: len(row) for node_type, row in frame_rows.items()})
-        nodes = zip(kernel.roles, index, strict=True)
-        index_by_frame.append(torch.stack([frame_rows[role][row.to(frame_rows[role].device)] for role, row in nodes]))
+    for frame, frame_counts in enumerate(zip(*counts, strict=True)):
+        index = kernel.instances(dict(zip(types, frame_counts, strict=True)))
+        index_by_frame.append(index + torch.tensor([[starts[role][frame]] for role in kernel.roles]))
     complete = copy.copy(graph)
-    complete.instance_index = torch.cat(index_by_frame, dim=1)
-    sizes = torch.tensor([index.shape[1] for index in index_by_frame], device=complete.instance_index.device)
-    complete.instance_frame = torch.arange(len(index_by_frame), device=sizes.device).repeat_interleave(sizes)
+    complete.instance_index = torch.cat(index_by_frame, dim=1).to(device)
+    sizes = torch.tensor([index.shape[1] for index in index_by_frame], device=device)
+    complete.instance_frame = torch.arange(len(index_by_frame), device=device).repeat_interleave(sizes)
     return complete
 
 
-def _visible_rows(
-    graph: MotifGraph, node_type: NodeType, visible: Mapping[NodeType, Bool[Tensor, " n"]] | None
-) -> list[Tensor]:
-    """Return the rows of the visible features of a type, one tensor per frame."""
-    counts = graph[f"{node_type}_count"].tolist()
-    all_rows = torch.arange(sum(counts), device=graph[f"{node_type}_geometry"].device)
-    rows = torch.split(all_rows, counts)
-    if visible is None:
-        return list(rows)
-    masks = torch.split(visible[node_type], counts)
-    return [frame_rows[mask] for frame_rows, mask in zip(rows, masks, strict=True)]
+def take_features(graph: MotifGraph, chosen: Mapping[NodeType, Bool[Tensor, " n"]]) -> MotifGraph:
+    """Return a graph, or a batch of graphs, with these of its features only; instances are to be added afterwards.
+
+    Args:
+        graph: one frame or a batch of frames, without instances.
+        chosen: for each node type, whether a feature is kept. Those that are keep their order.
+    """
+    reduced = copy.copy(graph)
+    for node_type, mask in chosen.items():
+        counts = graph[f"{node_type}_count"]
+        frames = torch.arange(len(counts), device=mask.device).repeat_interleave(counts)
+        reduced[f"{node_type}_count"] = frames[mask].bincount(minlength=len(counts))
+        for key in list(graph.keys()):  # the names of its attributes
+            if key.startswith(f"{node_type}_") and key != f"{node_type}_count":
+                reduced[key] = graph[key][mask]
+    reduced.num_nodes = sum(int(reduced[f"{node_type}_count"].sum()) for node_type in chosen)
+    return reduced
 
 
 def gather_nodes(

@@ -12,7 +12,7 @@ from torch.optim import Optimizer
 
 from geoskill.config import ObjectiveConfig
 from geoskill.data.augmentation import noisy, sample_visible
-from geoskill.graphs.motif_graph import MotifGraph, with_instances
+from geoskill.graphs.motif_graph import MotifGraph, take_features, with_instances
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
@@ -99,15 +99,15 @@ class SkillTraining(LightningModule):
     def _selection(
         self, member: KernelModel, graph: MotifGraph, generator: torch.Generator, backwards: bool = False
     ) -> FrameSelection:
-        descriptors = member.attribute(graph, "descriptor")
-        if self.descriptor_noise > 0:
-            descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
-        visible = None
         if self.feature_dropout > 0 or self.max_visible_features is not None:
             visible = sample_visible(
                 graph, member.node_types, self.feature_dropout, self.max_visible_features, generator
             )
-        graph = with_instances(member.kernel, graph, visible)
+            graph = take_features(graph, visible)
+        descriptors = member.attribute(graph, "descriptor")
+        if self.descriptor_noise > 0:
+            descriptors = {kind: noisy(x, self.descriptor_noise, generator) for kind, x in descriptors.items()}
+        graph = with_instances(member.kernel, graph)
         scores, batch, num_frames = member(graph, descriptors), graph.instance_frame, int(graph.num_graphs)
         change = error_changes(member, graph, self.objective.change)
         goal: dict[str, Tensor] = {}

@@ -1,5 +1,6 @@
 """Frames as graphs, alone and in a batch: offsets, membership, unbatching, and scores."""
 
+import copy
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,9 +14,9 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import (
     Displacement,
     MotifGraph,
-    feature_graph,
     gather_nodes,
     motif_graph,
+    take_features,
     with_instances,
 )
 from geoskill.kernels.kernel import Kernel, node_types
@@ -127,28 +128,29 @@ def test_batch_instances_join_features_of_their_frame(kernel: Kernel) -> None:
 
 @pytest.mark.parametrize("kernel", [PointToPoint(), PointToLine(), LineToLine()])
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_with_instances_of_visible_features(kernel: Kernel, share: float) -> None:
+def test_taken_features_have_the_instances_that_join_them(kernel: Kernel, share: float) -> None:
     """All instances without those that have a hidden feature, in the same order, in every frame of a batch."""
-    complete = Batch.from_data_list(frames(kernel))
-    without = Batch.from_data_list(
-        [feature_graph(kernel, frame_features(points, lines, seed)) for seed, (points, lines) in enumerate(COUNTS)]
-    )
-    assert "instance_index" not in without
+    complete = Batch.from_data_list(frames(kernel, with_motion=True))
+    without = copy.copy(complete)
+    del without.instance_index, without.instance_frame
     generator = torch.Generator().manual_seed(0)
-    visible = {
+    chosen = {
         node_type: torch.rand(without.node_count(node_type), generator=generator) >= share
         for node_type in node_types(kernel)
     }
-    graph = with_instances(kernel, without, visible)
+    graph = with_instances(kernel, take_features(without, chosen))
     assert "instance_index" not in without
     rows_by_role = zip(kernel.roles, complete.instance_index, strict=True)
-    kept = torch.stack([visible[role][row] for role, row in rows_by_role]).all(dim=0)
-    assert torch.equal(graph.instance_index, complete.instance_index[:, kept])
+    kept = torch.stack([chosen[role][row] for role, row in rows_by_role]).all(dim=0)
     assert torch.equal(graph.instance_frame, complete.instance_frame[kept])
     assert graph.num_graphs == len(COUNTS)
-    assert torch.equal(graph[f"{kernel.roles[0]}_geometry"], complete[f"{kernel.roles[0]}_geometry"])
-    all_visible = with_instances(kernel, without)
-    assert torch.equal(all_visible.instance_index, complete.instance_index)
+    assert graph.num_nodes == sum(int(mask.sum()) for mask in chosen.values())
+    assert set(graph.keys()) == set(complete.keys())
+    for name in ("descriptor", "geometry", "next_geometry", "tracked", "final_xy", "first_known_anchor"):
+        taken = gather_nodes(kernel, _by_type(kernel, graph, name), graph.instance_index)
+        wanted = gather_nodes(kernel, _by_type(kernel, complete, name), complete.instance_index[:, kept])
+        assert all(torch.equal(own, other) for own, other in zip(taken, wanted, strict=True)), name
+    assert torch.equal(with_instances(kernel, without).instance_index, complete.instance_index)
 
 
 def _by_type(kernel: Kernel, graph: MotifGraph, attribute: str) -> dict[NodeType, torch.Tensor]:
