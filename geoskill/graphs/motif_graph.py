@@ -118,11 +118,16 @@ def with_instances(kernel: Kernel, graph: MotifGraph) -> MotifGraph:
 def take_features(graph: MotifGraph, chosen: Mapping[NodeType, Bool[Tensor, " n"]]) -> MotifGraph:
     """Return a graph, or a batch of graphs, with these of its features only; instances are to be added afterwards.
 
+    A batch cannot be taken apart into its graphs any more: PyTorch Geometric's record of where each begins is of the
+    features before.
+
     Args:
         graph: one frame or a batch of frames, without instances.
-        chosen: for each node type, whether a feature is kept. Those that are keep their order.
+        chosen: for each node type of the kernel, whether a feature is kept. Those that are keep their order.
     """
     reduced = copy.copy(graph)
+    for outdated in {"batch", "ptr"} & set(graph.keys()):
+        del reduced[outdated]
     for node_type, mask in chosen.items():
         counts = graph[f"{node_type}_count"]
         frames = torch.arange(len(counts), device=mask.device).repeat_interleave(counts)

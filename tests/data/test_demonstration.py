@@ -229,7 +229,9 @@ def test_graph_without_negatives_limits_the_features(
     assert count == 10
     assert complete.instance_index.shape[1] == count * (count - 1) // 2
     monkeypatch.setattr(geoskill.data.demonstration, "MAX_FIT_FEATURES", 5)
-    instances = demonstration.graph_without_negatives(name, 0).instance_index
-    assert instances.shape[1] == 10
-    assert (instances.min(), instances.max(), len(instances.unique())) == (0, count - 1, 5)
+    limited = demonstration.graph_without_negatives(name, 0)
+    chosen = [0, 2, 4, 7, 9]  # 0, 2.25, 4.5, 6.75 and 9, rounded
+    for attribute in ("geometry", "descriptor", "next_geometry", "tracked", "anchor_xy", "final_xy"):
+        assert torch.equal(limited[f"point_{attribute}"], complete[f"point_{attribute}"][chosen]), attribute
+    assert limited.instance_index.T.tolist() == [[i, j] for i in range(5) for j in range(i + 1, 5)]
     assert demonstration[0][name]["first"].node_count(NodeType.POINT) == count

@@ -12,7 +12,6 @@ from torch_geometric.loader import DataLoader
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import (
-    Displacement,
     MotifGraph,
     gather_nodes,
     motif_graph,
@@ -27,6 +26,7 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.model.scorer import InstanceScorer, Motif
+from geoskill.tracking.motion import Displacement, Trajectory
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 DIMS = {POINT: 6, LINE: 9}
@@ -53,7 +53,8 @@ def frames(kernel: Kernel, with_motion: bool = False) -> list[MotifGraph]:
     graphs = []
     for seed, (points, lines) in enumerate(COUNTS):
         features = frame_features(points, lines, seed)
-        graphs.append(motif_graph(kernel, features, motions(features, seed) if with_motion else None))
+        records = (motions(features, seed), paths(features, seed)) if with_motion else ()
+        graphs.append(motif_graph(kernel, features, *records))
     return graphs
 
 
@@ -61,6 +62,19 @@ def motions(feature_sets: Mapping[NodeType, FeatureSet], seed: int) -> dict[Node
     generator = torch.Generator().manual_seed(seed)
     return {
         node_type: Displacement(
+            torch.rand(features.geometry.shape, generator=generator),
+            torch.rand(len(features), generator=generator) < 0.5,
+        )
+        for node_type, features in feature_sets.items()
+    }
+
+
+def paths(feature_sets: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeType, Trajectory]:
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        node_type: Trajectory(
+            torch.rand((len(features), 3, node_type.geometry_dim), generator=generator),
+            torch.randint(4, (len(features),), generator=generator),
             torch.rand(features.geometry.shape, generator=generator),
             torch.rand(len(features), generator=generator) < 0.5,
         )
@@ -145,11 +159,17 @@ def test_taken_features_have_the_instances_that_join_them(kernel: Kernel, share:
     assert torch.equal(graph.instance_frame, complete.instance_frame[kept])
     assert graph.num_graphs == len(COUNTS)
     assert graph.num_nodes == sum(int(mask.sum()) for mask in chosen.values())
-    assert set(graph.keys()) == set(complete.keys())
-    for name in ("descriptor", "geometry", "next_geometry", "tracked", "final_xy", "first_known_anchor"):
-        taken = gather_nodes(kernel, _by_type(kernel, graph, name), graph.instance_index)
-        wanted = gather_nodes(kernel, _by_type(kernel, complete, name), complete.instance_index[:, kept])
-        assert all(torch.equal(own, other) for own, other in zip(taken, wanted, strict=True)), name
+    assert set(graph.keys()) == set(complete.keys()) - {"batch", "ptr"}, "which would be those of all features"
+    attributes = {key.partition("_")[2] for key in complete.keys() if key.startswith(f"{kernel.roles[0]}_")}  # noqa: SIM118
+    assert len(attributes) == 9
+    for name in attributes - {"count"}:
+        for role, row, kept_row in zip(
+            kernel.roles, graph.instance_index, complete.instance_index[:, kept], strict=True
+        ):
+            assert torch.equal(graph[f"{role}_{name}"][row], complete[f"{role}_{name}"][kept_row]), name
+    for node_type, mask in chosen.items():
+        per_frame = [int(own.sum()) for own in mask.split(complete[f"{node_type}_count"].tolist())]
+        assert graph[f"{node_type}_count"].tolist() == per_frame
     assert torch.equal(with_instances(kernel, without).instance_index, complete.instance_index)
 
 
