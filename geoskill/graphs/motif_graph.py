@@ -129,12 +129,14 @@ def take_features(graph: MotifGraph, chosen: Mapping[NodeType, Bool[Tensor, " n"
     for outdated in {"batch", "ptr"} & set(graph.keys()):
         del reduced[outdated]
     for node_type, mask in chosen.items():
-        counts = graph[f"{node_type}_count"]
+        counts, rows = graph[f"{node_type}_count"], mask.nonzero().squeeze(1)
+        if len(rows) == len(mask):
+            continue  # nothing is left out, and copies would take longer than the graph
         frames = torch.arange(len(counts), device=mask.device).repeat_interleave(counts)
-        reduced[f"{node_type}_count"] = frames[mask].bincount(minlength=len(counts))
+        reduced[f"{node_type}_count"] = frames[rows].bincount(minlength=len(counts))
         for key in list(graph.keys()):  # the names of its attributes
             if key.startswith(f"{node_type}_") and key != f"{node_type}_count":
-                reduced[key] = graph[key][mask]
+                reduced[key] = graph[key].index_select(0, rows)
     reduced.num_nodes = sum(int(reduced[f"{node_type}_count"].sum()) for node_type in chosen)
     return reduced
 
