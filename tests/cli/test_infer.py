@@ -1,6 +1,8 @@
 """``python infer.py`` on folders and videos."""
 
 import json
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
@@ -22,6 +24,8 @@ from geoskill.skill.skill import Skill
 
 Command = Callable[..., Any]
 
+ROOT = Path(__file__).resolve().parents[2]
+
 
 def associations(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / "associations.jsonl").read_text(encoding="utf-8").splitlines()]
@@ -41,6 +45,22 @@ def write_video(path: Path, frames: tuple[np.ndarray, ...], rate: int = 10) -> P
 def decoded(path: Path) -> np.ndarray:
     with av.open(str(path)) as container:
         return np.stack([frame.to_ndarray(format="rgb24").astype(np.float32) for frame in container.decode(video=0)])
+
+
+@pytest.mark.slow
+def test_infer_does_not_import_lightning(
+    environment: dict[str, str], skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    """It takes two seconds, and only training needs it."""
+    arguments = ["infer.py", f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}"]
+    program = (
+        f"import sys, runpy; sys.argv = {arguments}; runpy.run_path('infer.py', run_name='__main__')\n"
+        "print('lightning' in sys.modules, 'torch_geometric' in sys.modules)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert ended.stdout.splitlines() == [str(tmp_path), "False True"]
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 import copy
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -263,6 +265,21 @@ def test_network_without_messages_has_one_precision(spec: SkillSpec, provenance:
         InputError, match=r"^precision=bfloat16: Bilinear passes no messages; expected float32 or null$"
     ):
         Skill.load(path, precision="bfloat16")
+
+
+@pytest.mark.slow
+def test_load_and_infer_do_not_import_lightning(skill_file: Path, frame: np.ndarray, tmp_path: Path) -> None:
+    np.save(tmp_path / "frame.npy", frame)
+    program = (
+        "import sys, numpy, geoskill\n"
+        f"skill = geoskill.Skill.load({str(skill_file)!r})\n"
+        f"frame = numpy.load({str(tmp_path / 'frame.npy')!r})\n"
+        "for selecting in (skill, geoskill.TemporalFilter(skill)):\n"
+        "    print(len(selecting.infer(frame).associations))\n"
+        "print({name for name in sys.modules if 'lightning' in name.partition('.')[0]})"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert ended.stdout.splitlines() == ["8", "8", "set()"]
 
 
 def test_infer_lists_the_best_of_each_member_by_weight(skill: Skill, frame: np.ndarray) -> None:
