@@ -204,7 +204,7 @@ class MessagePassingConfig(Config):
         2048, "Features of the demonstration in the score of similarity to it; null: no such score.", at_least=1
     )
     cascade: int | None = setting(
-        2048,
+        1024,
         "Instances of a frame that get messages once trained, those estimated to be best; null: all.",
         at_least=1,
     )

@@ -99,7 +99,7 @@ def test_specification_as_plain_values_is_complete() -> None:
         ({"name": "bilinear", "hidden_dim": 8}, {"hidden_dim": 8}),
         (BilinearConfig(hidden_dim=8), {"hidden_dim": 8}),
         ("prototypes", {"prototypes": 2048, "components": 16}),
-        (MessagePassingConfig(), {"hidden_dim": 32, "layers": 3, "cascade": 2048, "precision": "float32"}),
+        (MessagePassingConfig(), {"hidden_dim": 32, "layers": 3, "cascade": 1024, "precision": "float32"}),
         ({"name": "message_passing", "prototypes": None}, {"hidden_dim": 32, "prototypes": None}),
     ],
 )
