@@ -54,6 +54,11 @@ class DemonstrationConfig(Config):
     num_negatives: int = setting(
         40, "Synthetic negative features added to each frame in training; their associations earn nothing.", at_least=0
     )
+    use_places: bool = setting(
+        True,
+        "Where the first and the last pictures show from where to where something was carried, learn from that, too;"
+        " the camera must be at rest.",
+    )
     negatives: NegativesConfig = field(default_factory=NegativesConfig)
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
 

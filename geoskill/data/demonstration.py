@@ -25,7 +25,9 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, take_features, with_instances
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
+from geoskill.tracking.known_ends import known_ends, with_known_displacements, with_known_trajectories
 from geoskill.tracking.motion import Displacement
+from geoskill.tracking.places import Places, find_places
 from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
@@ -75,10 +77,14 @@ class Demonstration(Transitions):
         max_span_ratio: see :func:`time_spans`.
         num_negatives: number of synthetic features that are added to each frame (:mod:`geoskill.data.negatives`).
         progress: shows progress over a sequence.
+        use_places: whether to look for the places of the carried thing (:mod:`geoskill.tracking.places`).
         name: the demonstration's name in messages.
         threads: number of frames that are worked on at once; the result does not depend on it.
         trajectory: anchors and thresholds of the trajectories; None for the defaults.
         negatives: pictures that the synthetic features come from; None for the defaults.
+
+    Attributes:
+        places: of the carried thing, where they were looked for and found.
 
     Raises:
         InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member.
@@ -94,6 +100,7 @@ class Demonstration(Transitions):
         max_span_ratio: float,
         num_negatives: int,
         progress: Progress,
+        use_places: bool = True,
         name: str = "the demonstration",
         threads: int = 1,
         trajectory: TrajectoryConfig | None = None,
@@ -129,6 +136,16 @@ class Demonstration(Transitions):
             extractor: trajectories(features, flows, gap, shorter_side, trajectory)
             for extractor, features in self._features.items()
         }
+        self.places = find_places(frames) if use_places else None
+        if self.places is not None:
+            self._correct(self.places)
+
+    def _correct(self, places: Places) -> None:
+        """Replace what tracking says of features by what the places of the carried thing tell."""
+        for extractor, features in self._features.items():
+            ends = known_ends(features, places)
+            self._motions[extractor] = with_known_displacements(self._motions[extractor], features, places, ends)
+            self._trajectories[extractor] = with_known_trajectories(self._trajectories[extractor], ends)
 
     def _require_instances(self, name: str) -> None:
         for member_name, member in self.members.items():

@@ -89,6 +89,7 @@ def append_negatives(
             torch.cat([trajectory.first_known_anchor, trajectory.first_known_anchor.new_full((count,), anchors)]),
             torch.cat([trajectory.final_xy, geometry]),
             _append_false(trajectory.final_known, count),
+            _append_false(trajectory.unrelated, count),
         ),
     )
 

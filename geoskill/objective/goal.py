@@ -5,11 +5,15 @@ that comes within a centimeter. The end of the demonstration can. A term that on
 select instances that never were apart (docs/method.md, Reward); this one requires that an instance has approached.
 
     goal_progress  a_i = log((before_i + s) / (after_i + s)) / (1 + log((before_i + s) / s))
-    goal         = mean over frames of KL(q || g),   q = softmax(a / T),   g = softmax(b / (scale T))
+    goal         = mean over frames of w KL(q || g),   q = softmax(a / T),   g = softmax(b / (scale T))
+    w            = min(1, sum of q max(a, 0) / 0.3)
 
 q is the distribution of maximum entropy for its mean progress. The select-out at the goal's temperature is drawn to q
 rather than made to maximize the mean of a: that objective is linear in g and collapses on whichever instance leads
 first (docs/experiments/goal.md).
+
+A frame in which nothing is known to have approached says nothing: its q is nearly uniform, and w nearly 0. With w = 1
+it would hold down the scores of what other frames show to be right.
 
 The optimal scores b are ``scale`` times the progress. A low temperature T separates the best instances; a high one also
 ranks those that remain when the best are hidden. Scores thus learn more than which instance is the best, while the
@@ -26,6 +30,10 @@ from geoskill.objective.selection import select_out
 # Distance within which two features are at the same place, over the resolution: both are detected, and each of them is
 # tracked or detected a second time.
 SAME_PLACE = 4.0
+# Progress of an instance that cannot define the task: as little as one that loses all that another can gain.
+UNRELATED_PROGRESS = -1.0
+# Expected progress from which on a frame counts in full: that from 96 px to 27.
+INFORMATIVE_PROGRESS = 0.3
 
 
 def goal_progress(
@@ -58,7 +66,7 @@ def goal_divergence(
     batch: Int[Tensor, " m"],
     num_frames: int,
 ) -> Float[Tensor, " frames"]:
-    """Return KL(q || g) of each frame in nats; 0 for a frame without instances.
+    """Return w KL(q || g) of each frame in nats; 0 for a frame without instances.
 
     Args:
         scores: b.
@@ -70,7 +78,7 @@ def goal_divergence(
 
     Two instances of equal score, one of which should count three times as much; and a frame without instances:
 
-    >>> b, a = torch.tensor([0.0, 0.0]), torch.tensor([0.0, 0.05 * torch.log(torch.tensor(3.0))])
+    >>> b, a = torch.tensor([0.0, 0.0]), 0.5 + torch.tensor([0.0, 0.05 * torch.log(torch.tensor(3.0))])
     >>> goal_divergence(b, a, 0.05, 200.0, torch.tensor([0, 0]), num_frames=2)
     tensor([0.1308, 0.0000])
     """
@@ -79,4 +87,5 @@ def goal_divergence(
     selected = select_out(scores / (scale * temperature), batch, num_frames)
     terms = wanted * (wanted.clamp_min(tiny).log() - selected.clamp_min(tiny).log())
     divergence: Tensor = scatter(terms, batch, dim=0, dim_size=num_frames, reduce="sum")
-    return divergence
+    progress: Tensor = scatter(wanted * goal_progress.clamp_min(0), batch, dim=0, dim_size=num_frames, reduce="sum")
+    return divergence * (progress / INFORMATIVE_PROGRESS).clamp_max(1.0)

@@ -31,9 +31,12 @@ class Trajectory:
         first_known_anchor: ``[n]``, the first anchor from which on the position is known; ``a`` where it never is.
         final_xy: ``[n, g]`` in pixels, in the last frame; the frame's own geometry where unknown.
         final_known: ``[n]``, whether the final position is known.
+        unrelated: ``[n]``, whether the feature is known to have no part in the task
+            (:mod:`geoskill.tracking.known_ends`).
     """
 
     anchor_xy: Float[Tensor, "n a g"]
     first_known_anchor: Int64[Tensor, " n"]
     final_xy: Float[Tensor, "n g"]
     final_known: Bool[Tensor, " n"]
+    unrelated: Bool[Tensor, " n"]

@@ -50,8 +50,14 @@ def trajectories(
     pasts = _pasts(features, flows, hop, shorter_side, config)
     finals = _final_positions(features, flows, hop, config.rest_px)
     return [
-        Trajectory(*map(torch.from_numpy, (past.anchor_xy, past.first_known_anchor, *final_position)))
-        for past, final_position in zip(pasts, finals, strict=True)
+        Trajectory(
+            torch.from_numpy(past.anchor_xy),
+            torch.from_numpy(past.first_known_anchor),
+            torch.from_numpy(final_xy),
+            torch.from_numpy(final_known),
+            unrelated=torch.zeros(len(final_known), dtype=torch.bool),
+        )
+        for past, (final_xy, final_known) in zip(pasts, finals, strict=True)
     ]
 
 

@@ -10,7 +10,7 @@ from geoskill.errors import InputError
 from geoskill.geometry.control_errors import error_norm
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.objective.goal import goal_progress
+from geoskill.objective.goal import UNRELATED_PROGRESS, goal_progress
 from geoskill.objective.reward import beta_from_changes, error_change
 
 
@@ -35,7 +35,8 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     """Return the progress of each instance toward the end of the demonstration (:func:`goal_progress`).
 
     Its error before is the larger of that in the frame and that at the first anchor since which all of its nodes are
-    known; the one in the frame when there is no such anchor.
+    known; the one in the frame when there is no such anchor. An instance with an unrelated node has
+    :data:`~geoskill.objective.goal.UNRELATED_PROGRESS`.
     """
     now = error_norm(member.control_errors(graph))
     anchor_xy = member.attribute(graph, "anchor_xy")
@@ -47,7 +48,9 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     before = torch.where(anchor < anchors, torch.maximum(now, at_anchor), now)
     after = error_norm(member.control_errors(graph, "final_xy"))
     known = _node_values(member, graph, "final_known").all(dim=0)
-    return goal_progress(before, after, known, member.kernel.resolution)
+    progress = goal_progress(before, after, known, member.kernel.resolution)
+    unrelated = _node_values(member, graph, "unrelated").any(dim=0)
+    return torch.where(unrelated, torch.full_like(progress, UNRELATED_PROGRESS), progress)
 
 
 def _node_values(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tensor, "k m"]:

@@ -73,6 +73,7 @@ def prepare(
                 gap=config.demonstration.gap,
                 max_span_ratio=config.demonstration.max_span_ratio,
                 num_negatives=config.demonstration.num_negatives,
+                use_places=config.demonstration.use_places,
                 progress=_silent if progress is None else progress,
                 name=opened.name,
                 threads=torch.get_num_threads(),

@@ -77,6 +77,7 @@ def paths(feature_sets: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeTy
             torch.randint(4, (len(features),), generator=generator),
             torch.rand(features.geometry.shape, generator=generator),
             torch.rand(len(features), generator=generator) < 0.5,
+            torch.rand(len(features), generator=generator) < 0.5,
         )
         for node_type, features in feature_sets.items()
     }
@@ -161,7 +162,7 @@ def test_taken_features_have_the_instances_that_join_them(kernel: Kernel, share:
     assert graph.num_nodes == sum(int(mask.sum()) for mask in chosen.values())
     assert set(graph.keys()) == set(complete.keys()) - {"batch", "ptr"}, "which would be those of all features"
     attributes = {key.partition("_")[2] for key in complete.keys() if key.startswith(f"{kernel.roles[0]}_")}  # noqa: SIM118
-    assert len(attributes) == 9
+    assert len(attributes) == 10
     for name in attributes - {"count"}:
         for role, row, kept_row in zip(
             kernel.roles, graph.instance_index, complete.instance_index[:, kept], strict=True

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geoskill.objective.goal import goal_divergence, goal_progress
+from geoskill.objective.goal import INFORMATIVE_PROGRESS, goal_divergence, goal_progress
 
 ERRORS = st.floats(0.0, 1e4)
 
@@ -60,6 +60,7 @@ def test_goal_divergence_by_hand() -> None:
     a = torch.tensor([0.1 * math.log(4), 0.0, 0.0, 0.7], dtype=torch.float64)
     q, g = [4 / 6, 1 / 6, 1 / 6], [0.5, 0.25, 0.25]
     expected = sum(q_i * math.log(q_i / g_i) for q_i, g_i in zip(q, g, strict=True))
+    expected *= q[0] * 0.1 * math.log(4) / INFORMATIVE_PROGRESS
     values = goal_divergence(b, a, 0.1, 200.0, torch.tensor([0, 0, 0, 2]), num_frames=3)
     torch.testing.assert_close(values, torch.tensor([expected, 0.0, 0.0], dtype=torch.float64))
 
@@ -71,6 +72,14 @@ def test_goal_divergence_is_zero_for_scaled_progress(scores: list[float], shift:
     for temperature in (0.05, 0.45):
         assert divergence(wanted, instance_progress, temperature, 200.0) == pytest.approx(0, abs=1e-9)
         assert divergence(scores, instance_progress, temperature, 200.0) >= -1e-12
+
+
+def test_goal_divergence_counts_in_full_from_the_informative_progress_on() -> None:
+    """The progress of the two is equal, so q is 1/2, 1/2, while g is 3/4, 1/4 over a scale of 10."""
+    in_full = 0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25)
+    for progress, share in ((0.9, 1.0), (INFORMATIVE_PROGRESS, 1.0), (INFORMATIVE_PROGRESS / 3, 1 / 3), (-0.5, 0.0)):
+        value = divergence([math.log(3), 0.0], [progress, progress], 0.1, 10.0)
+        assert value == pytest.approx(share * in_full)
 
 
 def test_goal_divergence_depends_on_lower_ranks_at_high_temperature_only() -> None:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from geoskill.config import ObjectiveConfig
 from geoskill.errors import InputError
+from geoskill.objective.goal import INFORMATIVE_PROGRESS
 from geoskill.objective.inmaxent import FrameSelection, transition_objective
 from geoskill.objective.partition import log_partition
 from geoskill.objective.selection import select_out
@@ -56,7 +57,10 @@ def test_tracked_objective_by_hand() -> None:
 
 
 def test_goal_term_by_hand() -> None:
-    """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
+    """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8.
+
+    The first frame says all it can, the fourth less; two have no progress.
+    """
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
@@ -64,7 +68,7 @@ def test_goal_term_by_hand() -> None:
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
-        0.2 * math.log(0.2 / 0.5) + 0.8 * math.log(0.8 / 0.5),
+        (0.2 * math.log(0.2 / 0.5) + 0.8 * math.log(0.8 / 0.5)) * 0.8 * 0.1 * math.log(4) / INFORMATIVE_PROGRESS,
         0.0,
         0.0,
     ]

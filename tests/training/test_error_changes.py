@@ -20,7 +20,7 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.objective.goal import goal_progress
+from geoskill.objective.goal import UNRELATED_PROGRESS, goal_progress
 from geoskill.tracking.motion import Displacement, Trajectory
 from geoskill.training.error_changes import error_changes, fit_reward_scale, instance_goal_progress
 
@@ -189,7 +189,13 @@ def test_instance_goal_progress_by_hand() -> None:
     xy = [[40.0, 0], [100, 0], [100, 50], [0, 100]]
     anchor_xy = torch.tensor([[[0.0, 0], [10, 0]], [[100, 0], [100, 0]], [[100, 50], [100, 50]], [[0, 100], [0, 100]]])
     final = torch.tensor([[97.0, 0], [100, 0], [100, 50], [0, 100]])
-    trajectory = Trajectory(anchor_xy, torch.tensor([0, 1, 2, 0]), final, torch.tensor([True, True, True, False]))
+    trajectory = Trajectory(
+        anchor_xy,
+        torch.tensor([0, 1, 2, 0]),
+        final,
+        torch.tensor([True, True, True, False]),
+        torch.zeros(4, dtype=torch.bool),
+    )
     graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: xy})
     values = instance_goal_progress(member_of(PointToPoint()), graph).tolist()
     progress_of = dict(zip(map(tuple, graph.instance_index.T.tolist()), values, strict=True))
@@ -212,18 +218,38 @@ def test_instance_goal_progress_by_hand() -> None:
 def test_instance_goal_progress_counts_from_the_larger_error() -> None:
     anchor_xy = torch.tensor([[[95.0, 0]], [[100, 0]]])
     trajectory = Trajectory(
-        anchor_xy, torch.tensor([0, 0]), torch.tensor([[100.0, 0], [100, 0]]), torch.tensor([True, True])
+        anchor_xy,
+        torch.tensor([0, 0]),
+        torch.tensor([[100.0, 0], [100, 0]]),
+        torch.tensor([True, True]),
+        torch.tensor([False, False]),
     )
     graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: [[20.0, 0], [100, 0]]})
     expected = goal_progress(torch.tensor([80.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
     torch.testing.assert_close(instance_goal_progress(member_of(PointToPoint()), graph), expected)
 
 
+def test_an_instance_with_an_unrelated_node_has_the_least_progress() -> None:
+    anchor_xy = torch.tensor([[[0.0, 0]], [[100, 0]], [[50, 0]]])
+    trajectory = Trajectory(
+        anchor_xy,
+        torch.tensor([0, 0, 0]),
+        torch.tensor([[100.0, 0], [100, 0], [100, 0]]),
+        torch.tensor([True, True, True]),
+        torch.tensor([False, False, True]),
+    )
+    graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: anchor_xy[:, 0].tolist()})
+    progress = instance_goal_progress(member_of(PointToPoint()), graph)
+    together = goal_progress(torch.tensor([100.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
+    torch.testing.assert_close(progress, torch.tensor([float(together), UNRELATED_PROGRESS, UNRELATED_PROGRESS]))
+
+
 def test_instance_goal_progress_of_a_point_and_a_line() -> None:
     """A point 30 px above a horizontal line; it was 50 px above it, and ends 2 px below."""
-    points = Trajectory(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), torch.tensor([True]))
+    yes, no = torch.tensor([True]), torch.tensor([False])
+    points = Trajectory(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), yes, no)
     line = torch.tensor([[0.0, 0, 10, 0]])
-    lines = Trajectory(line[:, None], torch.tensor([0]), line, torch.tensor([True]))
+    lines = Trajectory(line[:, None], torch.tensor([0]), line, yes, no)
     graph = graph_with_trajectories(
         {POINT: points, LINE: lines}, PointToLine(), {POINT: [[5.0, -30]], LINE: line.tolist()}
     )

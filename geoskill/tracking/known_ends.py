@@ -1,0 +1,160 @@
+"""What the places of the carried thing tell of every frame's features, in place of what tracking says of them.
+
+::
+
+    at rest at either place      it is known where the feature is at the start and at the end
+    in between                   a feature that looks like one of the thing at rest, and like nothing else, is that one
+    background                   it stays where it is
+    around the thing             unknown: it may belong to either
+    the rest                     unrelated: a person, or what a person covers; it does not define the task
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32
+
+from geoskill.features.feature_set import FeatureSet
+from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.places import Places, is_in
+
+# A feature in between is one of the thing when it differs from that less than this times what it differs from all
+# others by.
+SAME_FEATURE_RATIO = 0.9
+# Other features it is compared with, at most: every so many of them serve as well.
+MAX_OTHERS = 4000
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class KnownEnds:
+    """What is known of one frame's ``n`` features.
+
+    Attributes:
+        at_rest: whether a feature is on the thing at one of its places.
+        background: whether it is on the background.
+        known: whether its place at the start and at the end is known; so it is for the two above.
+        unrelated: whether it moves and is not on the thing.
+        start, end: ``[n, g]`` in pixels; the frame's own geometry where not known.
+    """
+
+    at_rest: Bool[np.ndarray, " n"]
+    background: Bool[np.ndarray, " n"]
+    known: Bool[np.ndarray, " n"]
+    unrelated: Bool[np.ndarray, " n"]
+    start: Float32[np.ndarray, "n g"]
+    end: Float32[np.ndarray, "n g"]
+
+
+def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds]:
+    """Return what is known of the features of every frame, all of one type."""
+    resting = [_resting(own, frame, len(features), places) for frame, own in enumerate(features)]
+    at_rest = [
+        (own, ends)
+        for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
+        if not places.picked <= frame < places.placed
+    ]
+    thing = [own.descriptors[ends.at_rest] for own, ends in at_rest]
+    others = np.concatenate([own.descriptors[ends.background | ends.unrelated] for own, ends in at_rest])
+    pool = _Pool(
+        np.concatenate(thing),
+        others[:: max(1, len(others) // MAX_OTHERS)],
+        np.concatenate([ends.start[ends.at_rest] for _, ends in at_rest]),
+        np.concatenate([ends.end[ends.at_rest] for _, ends in at_rest]),
+    )
+    return [
+        _recognized(own, ends, pool) if frame >= places.picked else ends
+        for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
+    ]
+
+
+def with_known_displacements(
+    displacements: Mapping[tuple[int, int], Displacement],
+    features: Sequence[FeatureSet],
+    places: Places,
+    ends: Sequence[KnownEnds],
+) -> dict[tuple[int, int], Displacement]:
+    """Return the displacements, corrected where the places tell more; see :func:`chain_displacements`."""
+    corrected = {}
+    for (frame, span), displacement in displacements.items():
+        own, known = features[frame].geometry, ends[frame]
+        geometry, tracked = displacement.next_geometry.numpy().copy(), displacement.tracked.numpy().copy()
+        moved = places.moved(frame, frame + span, own)
+        if moved is not None:
+            geometry[known.at_rest], tracked[known.at_rest] = moved[known.at_rest], True
+        geometry[known.background], tracked[known.background] = own[known.background], True
+        geometry[known.unrelated], tracked[known.unrelated] = own[known.unrelated], False
+        corrected[frame, span] = Displacement(torch.from_numpy(geometry), torch.from_numpy(tracked))
+    return corrected
+
+
+def with_known_trajectories(trajectories: Sequence[Trajectory], ends: Sequence[KnownEnds]) -> list[Trajectory]:
+    """Return the trajectories, with their first and last positions where these are known."""
+    corrected = []
+    for trajectory, known in zip(trajectories, ends, strict=True):
+        rows, unrelated = torch.from_numpy(known.known), torch.from_numpy(known.unrelated)
+        anchors = trajectory.anchor_xy.shape[1]
+        start = torch.from_numpy(known.start)[:, None].expand(-1, anchors, -1)
+        corrected.append(
+            Trajectory(
+                torch.where(rows[:, None, None], start, trajectory.anchor_xy),
+                torch.where(rows, 0, trajectory.first_known_anchor),
+                torch.where(rows[:, None], torch.from_numpy(known.end), trajectory.final_xy),
+                rows | (trajectory.final_known & ~unrelated),
+                unrelated,
+            )
+        )
+    return corrected
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Features of the frames in which the thing rests: those on it, with their ends, and others."""
+
+    thing: Float32[np.ndarray, "p d"]
+    others: Float32[np.ndarray, "q d"]
+    start: Float32[np.ndarray, "p g"]
+    end: Float32[np.ndarray, "p g"]
+
+
+def _resting(own: FeatureSet, frame: int, count: int, places: Places) -> KnownEnds:
+    """Return what the places alone tell of a frame's features."""
+    thing, background = places.resting(frame)
+    on_background = is_in(background, own.geometry)
+    at_rest = np.zeros(len(own), bool) if thing is None else is_in(thing, own.geometry)
+    start, end = own.geometry, own.geometry
+    if thing is not None:
+        ends = [places.moved(frame, other, own.geometry) for other in (0, count - 1)]
+        start, end = (
+            own.geometry if moved is None else np.where(at_rest[:, None], moved, own.geometry) for moved in ends
+        )
+    known = at_rest | on_background
+    unrelated = ~known & ~is_in(places.seam(frame), own.geometry)
+    return KnownEnds(at_rest, on_background, known, unrelated, start, end)
+
+
+def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool) -> KnownEnds:
+    """Add the features that look like one of the thing at rest.
+
+    Others of the thing in motion count as unrelated. That costs less than to know nothing of the person next to it
+    (docs/experiments/places.md).
+    """
+    rows = np.flatnonzero(~ends.known)
+    start, end, matched = ends.start.copy(), ends.end.copy(), np.zeros(len(own), bool)
+    if len(rows) and len(pool.thing) and len(pool.others):
+        difference = _differences(own.descriptors[rows], pool.thing)
+        best = difference.argmin(axis=1)
+        other = _differences(own.descriptors[rows], pool.others).min(axis=1)
+        same = difference[np.arange(len(rows)), best] < SAME_FEATURE_RATIO * other
+        matched[rows[same]] = True
+        start[matched], end[matched] = pool.start[best[same]], pool.end[best[same]]
+    return replace(ends, known=ends.known | matched, unrelated=ends.unrelated & ~matched, start=start, end=end)
+
+
+def _differences(first: Float32[np.ndarray, "n d"], second: Float32[np.ndarray, "m d"]) -> Float32[np.ndarray, "n m"]:
+    """Return the distances between descriptors of unit norm."""
+    return np.asarray(np.sqrt(np.maximum(0.0, 2.0 - 2.0 * first @ second.T)), np.float32)

@@ -1,0 +1,118 @@
+"""Pixels of a demonstration that change once and for all, where a thing was taken away or put down.
+
+A pixel of the place that a thing is taken from shows the thing and then, after a hand has passed, what was behind it.
+One of the place where it is put down shows the reverse. Both change in one step, while a pixel that a person passes or
+leaves changes many times, or gradually. Only the ends of the demonstration and the time of the step matter, so nothing
+has to be tracked while the thing moves fast, turns, or is hidden by the hand.
+
+The camera is taken to be at rest.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Int64, UInt8
+
+# Pictures are compared at this shorter side, and no more than so many of them, evenly spaced.
+WORKING_SIDE = 240
+MAX_PICTURES = 240
+# Pictures at either end whose median shows how things are before and after.
+END_PICTURES = 3
+# Smallest differences in Lab that count, a few times what noise and compression leave after the blur: between the ends,
+# and from one picture to the next.
+MIN_CHANGE = 12.0
+MIN_MOTION = 4.0
+BLUR_PX = 1.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PixelSteps:
+    """The changes of a demonstration's pixels, at the working size.
+
+    Attributes:
+        frames: ``[s]``, the frames that were compared.
+        before, after: Lab, medians of the first and of the last pictures.
+        changed: whether a pixel differs between the two.
+        step: index into ``frames`` of the first picture that rather looks like ``after``; 0 where nothing changed.
+        inconsistency: share of the pictures that look neither like ``before`` until the step nor like ``after`` from
+            it on; 1 where nothing changed.
+        moving: whether a pixel differs from the picture before it; False in the first.
+        like_before, like_after: whether a pixel and its neighbors look as in the first, or in the last pictures.
+    """
+
+    frames: Int64[np.ndarray, " s"]
+    before: Float32[np.ndarray, "h w 3"]
+    after: Float32[np.ndarray, "h w 3"]
+    changed: Bool[np.ndarray, "h w"]
+    step: Int64[np.ndarray, "h w"]
+    inconsistency: Float32[np.ndarray, "h w"]
+    moving: Bool[np.ndarray, "s h w"]
+    like_before: Bool[np.ndarray, "s h w"]
+    like_after: Bool[np.ndarray, "s h w"]
+
+    def nearest(self, frame: int) -> int:
+        """Return the index of the picture that was compared and is nearest to a frame in time."""
+        return int(np.abs(self.frames - frame).argmin())
+
+
+def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelSteps:
+    """Compare the RGB pictures of a demonstration; see :class:`PixelSteps`."""
+    count = len(frames)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_PICTURES)).round().astype(np.int64))
+    pictures = np.stack([_small_lab(frames[t]) for t in chosen])
+    before, after = (np.median(ends, axis=0) for ends in (pictures[:END_PICTURES], pictures[-END_PICTURES:]))
+    difference = np.linalg.norm(after - before, axis=2)
+    # Light that changes everywhere is no change of a place.
+    changed = _opened(difference > max(MIN_CHANGE, 3.0 * float(np.median(difference))))
+    step = np.zeros(changed.shape, np.int64)
+    inconsistency = np.ones(changed.shape, np.float32)
+    if changed.any():
+        step[changed], inconsistency[changed] = _steps(
+            pictures[:, changed], before[changed], after[changed], difference[changed]
+        )
+    motion = np.linalg.norm(np.diff(pictures, axis=0), axis=3)
+    moving = np.zeros((len(chosen), *changed.shape), bool)
+    noise = float(np.median(motion))
+    moving[1:] = [_opened(picture > max(MIN_MOTION, 4.0 * noise)) for picture in motion]
+    like_before, like_after = (
+        np.stack([_eroded(np.linalg.norm(picture - end, axis=2) < MIN_CHANGE) for picture in pictures])
+        for end in (before, after)
+    )
+    return PixelSteps(chosen, before, after, changed, step, inconsistency, moving, like_before, like_after)
+
+
+def _small_lab(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:
+    height, width = frame.shape[:2]
+    scale = min(1.0, WORKING_SIDE / min(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255.0
+    return np.asarray(cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), BLUR_PX), cv2.COLOR_RGB2Lab), np.float32)
+
+
+def _opened(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))) > 0)
+
+
+def _eroded(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    return np.asarray(cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0)
+
+
+def _steps(
+    colors: Float32[np.ndarray, "s p 3"],
+    before: Float32[np.ndarray, "p 3"],
+    after: Float32[np.ndarray, "p 3"],
+    difference: Float32[np.ndarray, " p"],
+) -> tuple[Int64[np.ndarray, " p"], Float32[np.ndarray, " p"]]:
+    """Return for each pixel the step that contradicts the fewest pictures, and the share of those that it does."""
+    tolerance = np.minimum(difference / 2.0, MIN_CHANGE)
+    none = np.zeros((1, len(before)), np.int64)
+    unlike_before = np.linalg.norm(colors - before, axis=2) >= tolerance
+    unlike_after = np.linalg.norm(colors - after, axis=2) >= tolerance
+    contradictions = np.concatenate([none, unlike_before.cumsum(axis=0)])
+    contradictions += np.concatenate([unlike_after[::-1].cumsum(axis=0)[::-1], none])
+    share = contradictions.min(axis=0) / len(colors)
+    return np.minimum(contradictions.argmin(axis=0), len(colors) - 1), share.astype(np.float32)
