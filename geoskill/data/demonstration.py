@@ -212,6 +212,7 @@ class Demonstration(Transitions):
             features[node_type], displacement[node_type], trajectory[node_type] = records
         graph = feature_graph(member.kernel, features, displacement, trajectory)
         graph.span_index = torch.tensor([span_index])
+        graph.by_progress = torch.tensor([self.places is not None])
         return graph
 
     def _sample_negatives(self, name: str, frame: int, span: int) -> FeatureSet:

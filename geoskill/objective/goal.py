@@ -6,14 +6,16 @@ select instances that never were apart (docs/method.md, Reward); this one requir
 
     goal_progress  a_i = log((before_i + s) / (after_i + s)) / (1 + log((before_i + s) / s))
     goal         = mean over frames of w KL(q || g),   q = softmax(a / T),   g = softmax(b / (scale T))
-    w            = min(1, sum of q max(a, 0) / 0.3)
+    w            = min(1, sum of q max(a, 0) / 0.3) where the places of the carried thing are known, 1 elsewhere
 
 q is the distribution of maximum entropy for its mean progress. The select-out at the goal's temperature is drawn to q
 rather than made to maximize the mean of a: that objective is linear in g and collapses on whichever instance leads
 first (docs/experiments/goal.md).
 
-A frame in which nothing is known to have approached says nothing: its q is nearly uniform, and w nearly 0. With w = 1
-it would hold down the scores of what other frames show to be right.
+Where the places of the carried thing are known (:mod:`geoskill.tracking.places`), a frame in which nothing is known to
+have approached says nothing: its q is nearly uniform, and w nearly 0. With w = 1 it would hold down the scores of what
+other frames show to be right. Elsewhere all frames count, since tracking tells little of any of them, and the same w
+costs accuracy (docs/experiments/places.md).
 
 The optimal scores b are ``scale`` times the progress. A low temperature T separates the best instances; a high one also
 ranks those that remain when the best are hidden. Scores thus learn more than which instance is the best, while the
@@ -65,6 +67,7 @@ def goal_divergence(
     scale: float,
     batch: Int[Tensor, " m"],
     num_frames: int,
+    by_progress: Bool[Tensor, " frames"] | None = None,
 ) -> Float[Tensor, " frames"]:
     """Return w KL(q || g) of each frame in nats; 0 for a frame without instances.
 
@@ -75,6 +78,7 @@ def goal_divergence(
         scale: the wanted difference of two scores, over the difference of their progress.
         batch: the frame of each instance, sorted.
         num_frames: number of frames, those without any instance included.
+        by_progress: for which frames w is as above, and not 1; None for none.
 
     Two instances of equal score, one of which should count three times as much; and a frame without instances:
 
@@ -87,5 +91,8 @@ def goal_divergence(
     selected = select_out(scores / (scale * temperature), batch, num_frames)
     terms = wanted * (wanted.clamp_min(tiny).log() - selected.clamp_min(tiny).log())
     divergence: Tensor = scatter(terms, batch, dim=0, dim_size=num_frames, reduce="sum")
+    if by_progress is None:
+        return divergence
     progress: Tensor = scatter(wanted * goal_progress.clamp_min(0), batch, dim=0, dim_size=num_frames, reduce="sum")
-    return divergence * (progress / INFORMATIVE_PROGRESS).clamp_max(1.0)
+    weight = (progress / INFORMATIVE_PROGRESS).clamp_max(1.0)
+    return torch.where(by_progress, weight * divergence, divergence)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import final
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from geoskill.config import ObjectiveConfig
@@ -35,6 +35,7 @@ class FrameSelection:
         goal_progress: ``[m]``, of every instance (:func:`~geoskill.objective.goal.goal_progress`); only the goal term
             needs it.
         scores: ``[m]``, b; only the goal term needs it.
+        by_progress: ``[num_frames]``, whether the goal term of a frame counts by its expected progress; None for none.
 
     Raises:
         ValueError: when the tensors disagree in length, or there is no frame.
@@ -47,6 +48,7 @@ class FrameSelection:
     num_frames: int
     goal_progress: Float[Tensor, " m"] | None = None
     scores: Float[Tensor, " m"] | None = None
+    by_progress: Bool[Tensor, " frames"] | None = None
 
     def __post_init__(self) -> None:
         lengths = (len(self.select_out), len(self.errors), len(self.change), len(self.batch))
@@ -156,6 +158,7 @@ def _goal(settings: ObjectiveConfig, frames: FrameSelection) -> Float[Tensor, " 
         settings.goal_scale,
         frames.batch,
         frames.num_frames,
+        frames.by_progress,
     )
 
 

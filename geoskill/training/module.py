@@ -112,7 +112,8 @@ class SkillTraining(LightningModule):
         change = error_changes(member, graph, self.objective.change)
         goal: dict[str, Tensor] = {}
         if self.objective.goal_weight > 0:
-            goal = {"goal_progress": instance_goal_progress(member, graph), "scores": scores}
+            progress = instance_goal_progress(member, graph)
+            goal = {"goal_progress": progress, "scores": scores, "by_progress": graph.by_progress}
         return FrameSelection(
             select_out(scores, batch, num_frames),
             member.control_errors(graph),

@@ -60,9 +60,12 @@ def test_goal_divergence_by_hand() -> None:
     a = torch.tensor([0.1 * math.log(4), 0.0, 0.0, 0.7], dtype=torch.float64)
     q, g = [4 / 6, 1 / 6, 1 / 6], [0.5, 0.25, 0.25]
     expected = sum(q_i * math.log(q_i / g_i) for q_i, g_i in zip(q, g, strict=True))
-    expected *= q[0] * 0.1 * math.log(4) / INFORMATIVE_PROGRESS
-    values = goal_divergence(b, a, 0.1, 200.0, torch.tensor([0, 0, 0, 2]), num_frames=3)
+    batch = torch.tensor([0, 0, 0, 2])
+    values = goal_divergence(b, a, 0.1, 200.0, batch, num_frames=3)
     torch.testing.assert_close(values, torch.tensor([expected, 0.0, 0.0], dtype=torch.float64))
+    weighed = goal_divergence(b, a, 0.1, 200.0, batch, 3, torch.tensor([True, True, False]))
+    weight = q[0] * 0.1 * math.log(4) / INFORMATIVE_PROGRESS
+    torch.testing.assert_close(weighed, torch.tensor([weight * expected, 0.0, 0.0], dtype=torch.float64))
 
 
 @given(scores=st.lists(st.floats(-20, 20), min_size=1, max_size=6), shift=st.floats(-5, 5))
@@ -78,8 +81,9 @@ def test_goal_divergence_counts_in_full_from_the_informative_progress_on() -> No
     """The progress of the two is equal, so q is 1/2, 1/2, while g is 3/4, 1/4 over a scale of 10."""
     in_full = 0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25)
     for progress, share in ((0.9, 1.0), (INFORMATIVE_PROGRESS, 1.0), (INFORMATIVE_PROGRESS / 3, 1 / 3), (-0.5, 0.0)):
-        value = divergence([math.log(3), 0.0], [progress, progress], 0.1, 10.0)
-        assert value == pytest.approx(share * in_full)
+        b, a = (torch.tensor(values, dtype=torch.float64) for values in ([math.log(3), 0.0] * 2, [progress] * 4))
+        values = goal_divergence(b, a, 0.1, 10.0, torch.tensor([0, 0, 1, 1]), 2, torch.tensor([True, False]))
+        assert values.tolist() == pytest.approx([share * in_full, in_full])
 
 
 def test_goal_divergence_depends_on_lower_ranks_at_high_temperature_only() -> None:

@@ -57,10 +57,7 @@ def test_tracked_objective_by_hand() -> None:
 
 
 def test_goal_term_by_hand() -> None:
-    """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8.
-
-    The first frame says all it can, the fourth less; two have no progress.
-    """
+    """q is uniform in three frames; in the fourth, the first of transition 1, it is 0.2 and 0.8."""
     goal_progress = torch.tensor([0.3, 0.3, 0.0, 0.1 * math.log(4)], dtype=torch.float64)
     first = replace(FIRST, goal_progress=goal_progress, scores=20 * FIRST.select_out.log())
     second = replace(SECOND, goal_progress=torch.zeros(3, dtype=torch.float64), scores=20 * SECOND.select_out.log())
@@ -68,11 +65,14 @@ def test_goal_term_by_hand() -> None:
     value = transition_objective(settings, 0.6, first, second)
     by_frame = [
         0.5 * math.log(0.5 / 0.75) + 0.5 * math.log(0.5 / 0.25),
-        (0.2 * math.log(0.2 / 0.5) + 0.8 * math.log(0.8 / 0.5)) * 0.8 * 0.1 * math.log(4) / INFORMATIVE_PROGRESS,
+        0.2 * math.log(0.2 / 0.5) + 0.8 * math.log(0.8 / 0.5),
         0.0,
         0.0,
     ]
     assert float(value.goal) == pytest.approx(sum(by_frame) / 4)
+    weighed = transition_objective(settings, 0.6, replace(first, by_progress=torch.tensor([True, True])), second)
+    weight = 0.8 * 0.1 * math.log(4) / INFORMATIVE_PROGRESS
+    assert float(weighed.goal) == pytest.approx((by_frame[0] + weight * by_frame[1]) / 4)
     without = transition_objective(without_goal(), 0.6, first, second)
     assert float(without.goal) == 0
     assert float(value.objective) == pytest.approx(float(without.objective) - 0.5 * sum(by_frame) / 4)
