@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float32
 
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.geometry.segments import distance_to_segment
@@ -69,3 +70,20 @@ def is_same_feature(
     # The absolute values make the order of the end points irrelevant; atan2(0, 0) is 0.
     angle_deg = math.degrees(math.atan2(abs(cross), abs(dot)))
     return bool(distance <= tolerance_px and angle_deg <= tolerance_deg)
+
+
+def find_feature(node: Node, geometry: Float32[np.ndarray, "n _"]) -> int | None:
+    """Return the row of the nearest feature, by centers, that is the same one as a node; None when there is none.
+
+    Args:
+        node: a node of the same frame.
+        geometry: of the frame's features of the node's type, in pixels.
+    """
+    rows = geometry.astype(np.float64)
+    nearest_first = np.argsort(np.linalg.norm(centers(rows) - node.center, axis=1), kind="stable")
+    # A line may be another one than that with the nearest midpoint, but no point is nearer than the nearest.
+    candidates = nearest_first[:1] if node.node_type is NodeType.POINT else nearest_first
+    for feature in candidates.tolist():
+        if is_same_feature(node, Node(node.node_type, tuple(rows[feature].tolist()))):
+            return int(feature)
+    return None

@@ -33,7 +33,7 @@ from torch import Tensor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
-from geoskill.skill.matching import is_same_feature
+from geoskill.skill.matching import find_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
 from geoskill.tracking.appearance import matches, patches_at
@@ -168,16 +168,11 @@ def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
     geometry = scored.member.attribute(scored.graph, "geometry")
     features = []
     for node in nodes:
-        detected = [Node(node.node_type, tuple(row)) for row in geometry[node.node_type].tolist()]
-        matches = [feature for feature, detection in enumerate(detected) if is_same_feature(node, detection)]
-        if not matches:
+        feature = find_feature(node, geometry[node.node_type].numpy(force=True))
+        if feature is None:
             return None
-        features.append(min(matches, key=lambda feature: _center_distance(node, detected[feature])))
+        features.append(feature)
     return scored.find(features)
-
-
-def _center_distance(first: Node, second: Node) -> float:
-    return float(np.linalg.norm(np.subtract(first.center, second.center)))
 
 
 def _error(kernel: Kernel, nodes: Sequence[Node]) -> tuple[float, ...]:

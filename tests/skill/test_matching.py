@@ -1,13 +1,18 @@
 """Tests of matching features and associations."""
 
+import math
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.skill.association import Node
-from geoskill.skill.matching import is_same_association, is_same_feature
+from geoskill.skill.matching import find_feature, is_same_association, is_same_feature
 
 
 def point(x: float, y: float) -> Node:
@@ -68,3 +73,28 @@ def test_is_same_association_in_any_equivalent_order() -> None:
     assert is_same_association(PointToLine(), (a, second), (a, second))
     assert not is_same_association(PointToLine(), (a, second), (b, second))
     assert not is_same_association(PointToLine(), (a, second), (a, first))
+
+
+@given(st.sampled_from(NodeType), st.integers(0, 12), st.booleans(), st.integers(0, 2**32 - 1))
+def test_find_feature_is_nearest_of_all_same_features(
+    node_type: NodeType, count: int, whole_pixels: bool, seed: int
+) -> None:
+    rows = np.random.default_rng(seed).uniform(0, 9, (count + 1, node_type.geometry_dim)).astype(np.float32)
+    rows = np.floor(rows) if whole_pixels else rows  # some at equal distances
+    node, geometry = Node(node_type, tuple(rows[0].tolist())), rows[1:]
+    detected = [Node(node.node_type, tuple(row)) for row in geometry.tolist()]
+    distances = [math.dist(node.center, other.center) for other in detected]
+    same = [feature for feature, other in enumerate(detected) if is_same_feature(node, other)]
+    found = find_feature(node, geometry)
+    if found is None:
+        assert not same
+    else:
+        assert found in same
+        assert distances[found] == pytest.approx(min(distances[feature] for feature in same), rel=1e-12, abs=1e-12)
+
+
+def test_find_feature_takes_the_first_of_equally_near_ones() -> None:
+    assert find_feature(point(5, 5), np.array([[9, 9], [6, 5], [4, 5], [5, 6]], np.float32)) == 1
+    assert find_feature(point(5, 5), np.zeros((0, 2), np.float32)) is None
+    # The nearest midpoint belongs to a line in another direction.
+    assert find_feature(line(0, 0, 10, 0), np.array([[5, -5, 5, 5], [2, 0, 12, 0]], np.float32)) == 1
