@@ -115,19 +115,20 @@ class CoMotionDetector:
         In pixels, relative to where the features would be had they rested; NaN for frames to which a feature cannot be
         tracked back.
         """
-        present, past = centers(geometry), geometry
-        lost = np.zeros(len(geometry), bool)
-        to_present = np.eye(3)
-        displacements = [np.zeros_like(present)]
+        past, kept, to_present = [geometry], [np.ones(len(geometry), bool)], [np.eye(3)]
         for step in reversed(self._steps):
             if step.background is None:
                 break
-            past, tracked = track_dense(node_type, past, step.flow)
-            lost |= ~tracked
-            to_present = to_present @ step.background
-            if_at_rest = centers(past) @ to_present[:2, :2].T + to_present[:2, 2]
-            displacements.append(np.where(lost[:, None], np.nan, present - if_at_rest).astype(np.float32))
-        return np.stack(displacements)
+            moved, tracked = track_dense(node_type, past[-1], step.flow)
+            past.append(moved)
+            kept.append(kept[-1] & tracked)
+            to_present.append(to_present[-1] @ step.background)
+        past_centers = centers(np.concatenate(past)).reshape(len(past), len(geometry), 2)
+        motion = np.stack(to_present)
+        if_at_rest = past_centers @ motion[:, :2, :2].transpose(0, 2, 1) + motion[:, None, :2, 2]
+        displacements: np.ndarray = (past_centers[0] - if_at_rest).astype(np.float32)
+        displacements[~np.stack(kept)] = np.nan
+        return displacements
 
 
 def _background_motion(flow: Flow, shape: tuple[int, int], min_ratio: float) -> Float[np.ndarray, "3 3"] | None:
