@@ -63,7 +63,9 @@ class CoMotionDetector:
         if (height, width) != self._shape:
             self._steps.clear()
         elif self._small is not None:
-            flow = replace(gray_flow(small, self._small, cv2.DISOPTICAL_FLOW_PRESET_FAST), scale=scale)
+            # The check by a backward flow would take as long again for the same selections (docs/experiments/speed.md).
+            preset = cv2.DISOPTICAL_FLOW_PRESET_FAST
+            flow = replace(gray_flow(small, self._small, preset, with_backward=False), scale=scale)
             self._steps.append(_Step(flow, _background_motion(flow, gray.shape, self._config.min_background_ratio)))
         self._shape, self._small = (height, width), small
 

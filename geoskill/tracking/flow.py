@@ -3,7 +3,8 @@
 Dense flow (DIS, Kroeger et al., ECCV 2016) is used for training: its cost does not grow with the number of features,
 and it serves as well as sparse flow (docs/experiments/demonstrations.md). Sparse flow (Lucas and Kanade, on a pyramid)
 is used for the few features that a skill has selected. Both apply the forward-backward check: a point counts as tracked
-when the backward flow returns it to where it started ("Forward-backward error", Kalal et al., ICPR 2010).
+when the backward flow returns it to where it started ("Forward-backward error", Kalal et al., ICPR 2010). Dense flow
+without a backward one, for half the cost, only loses what leaves the frame.
 """
 
 from collections.abc import Callable
@@ -33,16 +34,23 @@ class Flow:
     """Displacements of the pixels of one frame to another, and back.
 
     Attributes:
-        forward, backward: displacements in pixels of the working size.
+        forward: displacements in pixels of the working size.
+        backward: from the second frame to the first; None for a flow without the forward-backward check.
         scale: working size divided by frame size.
     """
 
     forward: Float32[np.ndarray, "height width 2"]
-    backward: Float32[np.ndarray, "height width 2"]
+    backward: Float32[np.ndarray, "height width 2"] | None
     scale: float
 
     def reversed(self) -> "Flow":
-        """Return the flow from the second frame to the first."""
+        """Return the flow from the second frame to the first.
+
+        Raises:
+            ValueError: when there is no backward flow.
+        """
+        if self.backward is None:
+            raise ValueError("the flow has no backward one; expected one computed with it")
         return Flow(self.backward, self.forward, self.scale)
 
 
@@ -55,6 +63,8 @@ def gray_flow(
     start: UInt8[np.ndarray, "height width"],
     end: UInt8[np.ndarray, "height width"],
     preset: int = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+    *,
+    with_backward: bool = True,
 ) -> Flow:
     """Compute the flow between two gray frames of the same size.
 
@@ -62,6 +72,7 @@ def gray_flow(
         start: first frame.
         end: second frame.
         preset: OpenCV's preset for DIS, a trade-off between speed and accuracy.
+        with_backward: compute the backward flow, too, which takes as long again.
     """
     height, width = start.shape
     scale = min(1.0, WORKING_SIDE / min(height, width))
@@ -71,9 +82,13 @@ def gray_flow(
         margins = (0, max(0, MIN_SIDE - size[1]), 0, max(0, MIN_SIDE - size[0]))
         small = [cv2.copyMakeBorder(picture, *margins, cv2.BORDER_REPLICATE) for picture in small]
     estimator = cv2.DISOpticalFlow.create(preset)
-    forward = np.asarray(estimator.calc(small[0], small[1], None), np.float32)  # type: ignore[call-overload]
-    backward = np.asarray(estimator.calc(small[1], small[0], None), np.float32)  # type: ignore[call-overload]
-    return Flow(forward[: size[1], : size[0]], backward[: size[1], : size[0]], scale)
+    first, second = small
+
+    def displacements(start: np.ndarray, end: np.ndarray) -> Float32[np.ndarray, "_ _ 2"]:
+        whole = np.asarray(estimator.calc(start, end, None), np.float32)  # type: ignore[call-overload]
+        return whole[: size[1], : size[0]]
+
+    return Flow(displacements(first, second), displacements(second, first) if with_backward else None, scale)
 
 
 def track_between(
@@ -99,7 +114,7 @@ def track_dense(
         node_type: type of the features.
         geometry: points or segments in pixels of the first frame.
         flow: between the frames.
-        tolerance_px: largest distance between a point and its return.
+        tolerance_px: largest distance between a point and its return; not used without a backward flow.
 
     Returns:
         The geometry in the second frame (unchanged where a feature was lost) and a mask of the tracked features. A
@@ -180,11 +195,13 @@ def _track_points_dense(
     # A resize keeps the edges of pixels, not their centers, in place.
     source = (points + 0.5) * flow.scale - 0.5
     moved = source + sample_bilinear(flow.forward, source)
-    returned = moved + sample_bilinear(flow.backward, moved)
     height, width = flow.forward.shape[:2]
     inside = (moved >= -0.5).all(axis=1) & (moved[:, 0] <= width - 0.5) & (moved[:, 1] <= height - 0.5)
-    close = np.linalg.norm(returned - source, axis=1) <= tolerance_px * flow.scale
-    return ((moved + 0.5) / flow.scale - 0.5).astype(np.float32), inside & close
+    tracked = inside
+    if flow.backward is not None:
+        returned = moved + sample_bilinear(flow.backward, moved)
+        tracked = inside & (np.linalg.norm(returned - source, axis=1) <= tolerance_px * flow.scale)
+    return ((moved + 0.5) / flow.scale - 0.5).astype(np.float32), tracked
 
 
 def _refit_segments(

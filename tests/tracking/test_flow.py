@@ -12,6 +12,7 @@ from geoskill.tracking.flow import (
     SAMPLES_PER_SEGMENT,
     Flow,
     dense_flow,
+    gray_flow,
     lucas_kanade,
     track_between,
     track_dense,
@@ -191,7 +192,7 @@ def test_track_dense_scales_flow_and_tolerance_to_pixels_of_the_frame() -> None:
     np.testing.assert_allclose(geometry, [[56, 36]], rtol=0, atol=1e-4)
     flow = constant_flow(3, -2, 0.5)
     # The return is 0.4 pixels of the reduced picture from the start, 0.8 pixels of the frame.
-    beside = Flow(flow.forward, flow.backward + np.array([0.4, 0], np.float32), 0.5)
+    beside = Flow(flow.forward, np.array([0.4, 0], np.float32) - flow.forward, 0.5)
     for tolerance, expected in ((0.75, False), (0.85, True)):
         _, tracked = track_dense(POINT, np.array([[50, 40]], np.float32), beside, tolerance_px=tolerance)
         assert tracked.tolist() == [expected]
@@ -207,6 +208,21 @@ def test_reversed_flow_tracks_backward(texture: np.ndarray, points: np.ndarray) 
             geometry, tracked = track_dense(node_type, given, directed_flow)
             assert np.array_equal(geometry, expected)
             assert np.array_equal(tracked, expected_mask)
+
+
+def test_flow_without_backward_one_loses_only_what_leaves_the_frame(texture: np.ndarray) -> None:
+    end = moved_picture(texture, motion(angle_deg=0.0, shift=(40.0, 0.0)))
+    start_gray, end_gray = (np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)) for picture in (texture, end))
+    checked, unchecked = (gray_flow(start_gray, end_gray, with_backward=check) for check in (True, False))
+    assert np.array_equal(unchecked.forward, checked.forward)
+    grid = np.stack(np.meshgrid(np.arange(2, WIDTH, 8), np.arange(2, HEIGHT, 8)), axis=-1)
+    points = grid.reshape(-1, 2).astype(np.float32)
+    moved, tracked = track_dense(POINT, points, unchecked)
+    expected, consistent = track_dense(POINT, points, checked)
+    assert consistent.sum() < tracked.sum() < len(points)
+    assert np.array_equal(moved[consistent], expected[consistent])
+    with pytest.raises(ValueError, match="no backward"):
+        unchecked.reversed()
 
 
 @pytest.mark.parametrize("factor", [3.0, 0.12])
