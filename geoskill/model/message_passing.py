@@ -121,11 +121,13 @@ class FusedLayer(NamedTuple):
         senders, receivers = [i for i, _ in edges], [j for _, j in edges]
         # The output layer of a message and the GRU's input layer are both linear: messages are summed before them, with
         # the output layer's bias once per message, and the two layers are one product.
-        inner = torch.relu(sources[senders] + destinations[receivers])
+        sent = torch.stack([sources[i] for i in senders])  # copies whole rows; an index copies number by number
         if receivers == list(range(nodes)):  # one message per node
+            inner = torch.relu(sent + destinations)
             received = nn.functional.linear(inner, self.received_weight, self.received_bias + self.message_bias)
         else:
-            receiver_index = torch.tensor(receivers, device=inner.device)
+            receiver_index = torch.tensor(receivers, device=states.device)
+            inner = torch.relu(sent + destinations[receiver_index])
             summed = torch.zeros_like(states).index_add(0, receiver_index, inner)
             counts = receiver_index.bincount(minlength=nodes).to(states.dtype)[:, None, None]
             received = nn.functional.linear(summed, self.received_weight)
@@ -279,7 +281,8 @@ class MessagePassing(InstanceScorer):
 
         def gather(rows: Mapping[NodeType, Tensor]) -> Tensor:
             index_by_role = zip(self.motif.roles, instance_index, strict=True)
-            return torch.stack([rows[role][index] for role, index in index_by_role]).to(dtype)
+            # Twice as fast as indexing, in both directions, and its gradient is summed in the same order in every run.
+            return torch.stack([nn.functional.embedding(index, rows[role]) for role, index in index_by_role]).to(dtype)
 
         states = gather(hidden)
         first = Projection(
