@@ -73,24 +73,33 @@ class ScoredInstances:
         index: Int64[Tensor, "k p"] = self.member.moving_node_first(self.graph, self.graph.instance_index[:, chosen])
         nodes = gather_nodes(self.member.kernel, self.member.attribute(self.graph, "geometry"), index)
         errors: Float[Tensor, "p d"] = self.member.kernel.control_error(nodes)
-        roles = self.member.kernel.roles
         confidence = confidences(self.scores, self.member.reference_margin)
+        rows = zip(
+            # Whole tensors become lists, since reading a tensor number by number is slow.
+            confidence[chosen].tolist(),
+            self.select_out[chosen].tolist(),
+            zip(*(geometry.tolist() for geometry in nodes), strict=True),
+            index.T.tolist(),
+            errors.tolist(),
+            strict=True,
+        )
+        roles = self.member.kernel.roles
         return [
             Association(
                 member=self.name,
                 kernel=self.member.kernel.name,
                 descriptor=self.member.descriptor,
-                rank=row + 1,
-                confidence=float(confidence[instance]),
-                weight=float(self.select_out[instance]),
+                rank=rank,
+                confidence=own_confidence,
+                weight=weight,
                 nodes=tuple(
-                    Node(role, tuple(geometry[row].tolist()), int(feature))
-                    for role, geometry, feature in zip(roles, nodes, index[:, row], strict=True)
+                    Node(role, tuple(xy), feature)
+                    for role, xy, feature in zip(roles, coordinates, features, strict=True)
                 ),
-                error=tuple(errors[row].tolist()),
+                error=tuple(error),
                 unit=self.member.kernel.unit,
             )
-            for row, instance in enumerate(instances)
+            for rank, (own_confidence, weight, coordinates, features, error) in enumerate(rows, start=1)
         ]
 
 

@@ -129,7 +129,7 @@ class Skill:
             raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
         return {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def observe(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
     ) -> ScoredFrame:
