@@ -73,13 +73,13 @@ def test_cascade_is_measured_only_above_its_number_of_instances(tmp_path: Path) 
         "kernels=[p2p]",
         "repeats=1",
         "threads=1",
-        "features=[64,80]",
+        "features=[45,64]",
         "precisions=[float32]",
     )
     process = run("select_out", *arguments, f"hydra.run.dir={tmp_path}")
     assert (process.returncode, process.stderr) == (0, "")
     few, many = json.loads((tmp_path / "select_out.json").read_text())["rows"]
-    assert (few["instances"], many["instances"]) == (2016, 3160)
+    assert (few["instances"], many["instances"]) == (990, 2016)
     assert "cascade" not in few
     assert many["cascade"]["peak_mb"] < many["dense"]["peak_mb"]
 
