@@ -1,8 +1,8 @@
-"""Bilinear interpolation of pictures and vector fields at pixel coordinates."""
+"""Resizing of pictures, and bilinear interpolation of pictures and vector fields at pixel coordinates."""
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 
 # cv2.remap accepts at most 32767 columns.
 POINTS_PER_CALL = 30000
@@ -32,3 +32,14 @@ def sample_bilinear(
     ]
     values: np.ndarray = np.concatenate(blocks, axis=1)
     return values.reshape(*xy.shape[:-1], *field.shape[2:])
+
+
+def resized(picture: UInt8[np.ndarray, "_ _ *channels"], scale: float) -> UInt8[np.ndarray, "_ _ *channels"]:
+    """Return a picture at another size, at least one pixel wide and high, each pixel the mean of those that it covers.
+
+    >>> resized(np.array([[10, 20, 30, 40]], np.uint8), 0.5)
+    array([[15, 35]], dtype=uint8)
+    """
+    height, width = picture.shape[:2]
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -16,13 +16,14 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from geoskill.tracking.pixel_steps import PixelSteps
 
 Mask = UInt8[np.ndarray, "h w"]
+Outline = Int32[np.ndarray, "p 1 2"]
 
 # A region has at least this share of the picture, some 9 x 9 pixels of 240 x 320.
 MIN_AREA_RATIO = 0.001
@@ -69,12 +70,13 @@ def changed_regions(steps: PixelSteps) -> tuple[list[ChangedRegion], list[Change
         mask = _filled(pixels)
         step = int(np.median(steps.step[pixels]))
         spread = float(np.subtract(*np.percentile(steps.step[pixels], (90, 10)))) / len(steps.frames)
-        shape = float(np.exp(-spread / SPREAD_SCALE)) * _compactness(mask)
+        outline = _outline(mask)
+        shape = float(np.exp(-spread / SPREAD_SCALE)) * _compactness(mask, outline)
         taken = min(1.0, float(motion[max(0, step - 1)]) / MIN_OTHER_MOTION)
         put = min(1.0, float(1.0 - motion[step]) / MIN_OTHER_MOTION)
         calm_before, calm_after = _calm(steps, mask, step)
-        old.append(ChangedRegion(mask, step, shape * taken * calm_before * _enclosed(mask, edges[0], edges[1])))
-        new.append(ChangedRegion(mask, step, shape * put * calm_after * _enclosed(mask, edges[1], edges[0])))
+        old.append(ChangedRegion(mask, step, shape * taken * calm_before * _enclosed(outline, edges[0], edges[1])))
+        new.append(ChangedRegion(mask, step, shape * put * calm_after * _enclosed(outline, edges[1], edges[0])))
     return old + _joined(old), new
 
 
@@ -123,7 +125,7 @@ def _joined(regions: list[ChangedRegion]) -> list[ChangedRegion]:
     ]
 
 
-def _outline(mask: Mask) -> np.ndarray:
+def _outline(mask: Mask) -> Outline:
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     return np.asarray(max(outlines, key=cv2.contourArea))
 
@@ -133,9 +135,9 @@ def _filled(pixels: Bool[np.ndarray, "h w"]) -> Mask:
     return np.asarray(cv2.drawContours(np.zeros_like(closed), [_outline(np.asarray(closed))], -1, 1, -1), np.uint8)
 
 
-def _compactness(mask: Mask) -> float:
+def _compactness(mask: Mask, outline: Outline) -> float:
     """Return the area over that of a circle with the same circumference, at most 1."""
-    circumference = max(cv2.arcLength(_outline(mask), True), 1.0)
+    circumference = max(cv2.arcLength(outline, True), 1.0)
     return min(1.0, 4.0 * np.pi * float(mask.sum()) / circumference**2)
 
 
@@ -146,13 +148,13 @@ def _edge_strength(picture: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray,
     return np.asarray(cv2.dilate(strength, np.ones((5, 5))), np.float32)
 
 
-def _enclosed(mask: Mask, shown: Float32[np.ndarray, "h w"], hidden: Float32[np.ndarray, "h w"]) -> float:
+def _enclosed(outline: Outline, shown: Float32[np.ndarray, "h w"], hidden: Float32[np.ndarray, "h w"]) -> float:
     """Return the share of the outline on an edge in the picture with the thing, and on none in the one without it.
 
     The picture's border hides what is beyond; it does not count.
     """
-    height, width = mask.shape
-    x, y = _outline(mask)[:, 0].T
+    height, width = shown.shape
+    x, y = outline[:, 0].T
     inside = (x > 2) & (y > 2) & (x < width - 3) & (y < height - 3)
     if not inside.any():
         return 0.0

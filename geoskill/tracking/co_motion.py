@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.sampling import resized
 from geoskill.kernels.kernel import Kernel
 from geoskill.tracking.flow import Flow, gray_flow, track_dense
 from geoskill.tuning import CoMotionConfig
@@ -58,8 +59,7 @@ class CoMotionDetector:
         side = self._config.working_side
         # A long, thin picture is not enlarged beyond the size of other pictures.
         scale = min(side / min(height, width), max(1.0, 2 * side / max(height, width)))
-        size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+        small = resized(gray, scale)
         if (height, width) != self._shape:
             self._steps.clear()
         elif self._small is not None:

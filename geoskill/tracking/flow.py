@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from geoskill.geometry.primitives import NodeType
-from geoskill.geometry.sampling import sample_bilinear
+from geoskill.geometry.sampling import resized, sample_bilinear
 
 # Points tracked on a segment, from end to end; more than half of them must be tracked.
 SAMPLES_PER_SEGMENT = 7
@@ -74,19 +74,18 @@ def gray_flow(
         preset: OpenCV's preset for DIS, a trade-off between speed and accuracy.
         with_backward: compute the backward flow, too, which takes as long again.
     """
-    height, width = start.shape
-    scale = min(1.0, WORKING_SIDE / min(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (start, end)]
-    if min(size) < MIN_SIDE:
-        margins = (0, max(0, MIN_SIDE - size[1]), 0, max(0, MIN_SIDE - size[0]))
-        small = [cv2.copyMakeBorder(picture, *margins, cv2.BORDER_REPLICATE) for picture in small]
+    scale = min(1.0, WORKING_SIDE / min(start.shape))
+    small = [resized(frame, scale) for frame in (start, end)]
+    height, width = small[0].shape
+    if min(height, width) < MIN_SIDE:
+        margins = (0, max(0, MIN_SIDE - height), 0, max(0, MIN_SIDE - width))
+        small = [np.asarray(cv2.copyMakeBorder(picture, *margins, cv2.BORDER_REPLICATE), np.uint8) for picture in small]
     estimator = cv2.DISOpticalFlow.create(preset)
     first, second = small
 
     def displacements(start: np.ndarray, end: np.ndarray) -> Float32[np.ndarray, "_ _ 2"]:
         whole = np.asarray(estimator.calc(start, end, None), np.float32)  # type: ignore[call-overload]
-        return whole[: size[1], : size[0]]
+        return whole[:height, :width]
 
     return Flow(displacements(first, second), displacements(second, first) if with_backward else None, scale)
 

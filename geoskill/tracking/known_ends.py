@@ -55,7 +55,7 @@ def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds
     at_rest = [
         (own, ends)
         for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
-        if not places.picked <= frame < places.placed
+        if not places.carried(frame)
     ]
     thing = [own.descriptors[ends.at_rest] for own, ends in at_rest]
     others = np.concatenate([own.descriptors[ends.background | ends.unrelated] for own, ends in at_rest])

@@ -10,11 +10,14 @@ The camera is taken to be at rest.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import final
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int64, UInt8
+
+from geoskill.geometry.sampling import resized
 
 # Pictures are compared at this shorter side, and no more than so many of them, evenly spaced.
 WORKING_SIDE = 240
@@ -74,7 +77,8 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
         step[changed], inconsistency[changed] = _steps(
             pictures[:, changed], before[changed], after[changed], difference[changed]
         )
-    motion = np.linalg.norm(np.diff(pictures, axis=0), axis=3)
+    # Picture by picture: all differences at once would take as much memory again as the pictures.
+    motion = [np.linalg.norm(second - first, axis=2) for first, second in pairwise(pictures)]
     moving = np.zeros((len(chosen), *changed.shape), bool)
     noise = float(np.median(motion))
     moving[1:] = [_opened(picture > max(MIN_MOTION, 4.0 * noise)) for picture in motion]
@@ -86,10 +90,7 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
 
 
 def _small_lab(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:
-    height, width = frame.shape[:2]
-    scale = min(1.0, WORKING_SIDE / min(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255.0
+    small = resized(frame, min(1.0, WORKING_SIDE / min(frame.shape[:2]))).astype(np.float32) / 255.0
     return np.asarray(cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), BLUR_PX), cv2.COLOR_RGB2Lab), np.float32)
 
 

@@ -12,6 +12,7 @@ places where it is in the hand from the first frame on, is held until the last, 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import cv2
@@ -20,14 +21,14 @@ from jaxtyping import Bool, Float32, Float64, UInt8
 from scipy.ndimage import gaussian_filter
 
 from geoskill.geometry.primitives import centers
-from geoskill.tracking.changed_regions import ChangedRegion, changed_regions
+from geoskill.tracking.changed_regions import ChangedRegion, changed_regions, grown
 from geoskill.tracking.pixel_steps import PixelSteps, pixel_steps
 
 Picture = UInt8[np.ndarray, "height width 3"]
 Region = Bool[np.ndarray, "height width"]
 
 # Score below which a pair is not believed: of demonstrations that have no such places, the best scored 0.04 at most; of
-# those that have them, 0.07 at least (docs/experiments/places.md).
+# those that have them, 0.065 at least (docs/experiments/places.md).
 MIN_SCORE = 0.05
 # The thing lies at its new place at least this share of the demonstration after it left the old one.
 MIN_CARRYING_RATIO = 0.02
@@ -62,6 +63,10 @@ class Places:
     score: float
     steps: PixelSteps
 
+    def carried(self, frame: int) -> bool:
+        """Tell whether the thing is at neither place in a frame, or may be."""
+        return self.picked <= frame < self.placed
+
     def resting(self, frame: int) -> tuple[Region | None, Region]:
         """Return where the thing is seen at rest in a frame, or None, and where the background is.
 
@@ -69,30 +74,27 @@ class Places:
         yet, or no longer, covered by the thing.
         """
         nearest = self.steps.nearest(frame)
-        before, after, changed = (
-            self._enlarged(mask)
-            for mask in (self.steps.like_before[nearest], self.steps.like_after[nearest], self.steps.changed)
+        before, after = (
+            _enlarged(mask, self.old.shape)
+            for mask in (self.steps.like_before[nearest], self.steps.like_after[nearest])
         )
-        free = ~self._widened(changed) | self._widened(self.old) | self._widened(self.new)
-        background = (before | after) & free
-        if frame < self.picked:
-            return self.old & before, background & ~self._widened(self.old)
-        if frame >= self.placed:
-            return self.new & after, background & ~self._widened(self.new)
-        return None, background
+        background = (before | after) & self._free & ~self.seam(frame)
+        if self.carried(frame):
+            return None, background
+        return (self.old & before if frame < self.picked else self.new & after), background
 
     def seam(self, frame: int) -> Region:
-        """Return where the thing and its surroundings cannot be told apart in a frame."""
-        if self.picked <= frame < self.placed:
+        """Return the place at which the thing rests in a frame, with what cannot be told apart from it there."""
+        if self.carried(frame):
             return np.zeros_like(self.old)
-        return self._widened(self.old if frame < self.picked else self.new)
+        return self._wide_old if frame < self.picked else self._wide_new
 
     def moved(self, frame: int, other: int, geometry: Float32[np.ndarray, "n g"]) -> Float32[np.ndarray, "n g"] | None:
         """Return where points or segments of the thing at rest in one frame are in another, or None.
 
         None when it does not rest at one of its places in both.
         """
-        if any(self.picked <= t < self.placed for t in (frame, other)):
+        if self.carried(frame) or self.carried(other):
             return None
         was_old, is_old = frame < self.picked, other < self.picked
         if was_old == is_old:
@@ -101,13 +103,19 @@ class Places:
         points = geometry.reshape(len(geometry), geometry.shape[1] // 2, 2)
         return np.asarray((points @ transform[:, :2].T + transform[:, 2]).reshape(geometry.shape), np.float32)
 
-    def _enlarged(self, mask: Bool[np.ndarray, "h w"]) -> Region:
-        height, width = self.old.shape
-        return np.asarray(cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+    @cached_property
+    def _wide_old(self) -> Region:
+        return _widened(self.old)
 
-    def _widened(self, mask: Region) -> Region:
-        seam = max(1, round(SEAM_RATIO * min(mask.shape)))
-        return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * seam + 1, 2 * seam + 1))) > 0)
+    @cached_property
+    def _wide_new(self) -> Region:
+        return _widened(self.new)
+
+    @cached_property
+    def _free(self) -> Region:
+        """Where nothing but the thing itself changes between the first and the last pictures."""
+        changed = _widened(_enlarged(self.steps.changed, self.old.shape))
+        return np.asarray(~changed | self._wide_old | self._wide_new)
 
 
 def find_places(frames: Sequence[Picture]) -> Places | None:
@@ -127,10 +135,7 @@ def find_places(frames: Sequence[Picture]) -> Places | None:
     score, old, new = max(scored, key=lambda pair: pair[0], default=(0.0, None, None))
     if old is None or new is None or score < MIN_SCORE:
         return None
-    height, width = frames[0].shape[:2]
-    old_mask, new_mask = (
-        cv2.resize(region.mask, (width, height), interpolation=cv2.INTER_NEAREST) > 0 for region in (old, new)
-    )
+    old_mask, new_mask = (_enlarged(region.mask > 0, frames[0].shape[:2]) for region in (old, new))
     return Places(
         old_mask,
         new_mask,
@@ -148,6 +153,18 @@ def is_in(region: Region, geometry: Float32[np.ndarray, "n g"]) -> Bool[np.ndarr
     x, y = centers(geometry).round().astype(np.int64).T
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     return np.asarray(inside & region[y.clip(0, height - 1), x.clip(0, width - 1)])
+
+
+def _enlarged(mask: Bool[np.ndarray, "h w"], shape: tuple[int, ...]) -> Region:
+    """Return a mask of the working size at the size of a frame."""
+    height, width = shape
+    return np.asarray(cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def _widened(mask: Region) -> Region:
+    """Return a mask grown by the width of the seam."""
+    seam_px = max(1, round(SEAM_RATIO * min(mask.shape)))
+    return np.asarray(grown(mask.astype(np.uint8), seam_px) > 0)
 
 
 def _pair_score(steps: PixelSteps, old: ChangedRegion, new: ChangedRegion) -> float:
