@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 from scipy.ndimage import gaussian_filter
 
+from geoskill.features.sift import sift_detector
 from geoskill.geometry.primitives import centers
 from geoskill.tracking.changed_regions import ChangedRegion, changed_regions, grown
 from geoskill.tracking.pixel_steps import PixelSteps, pixel_steps
@@ -39,6 +40,8 @@ SEAM_RATIO = 0.01
 MIN_MATCHES = 4
 MATCH_TOLERANCE_PX = 4.0
 MATCH_RATIO = 0.8
+# Far below the default of SIFT, for a thing may have little texture.
+CONTRAST_THRESHOLD = 0.01
 
 
 @final
@@ -204,7 +207,7 @@ def _matches(
     first: Picture, old: Region, last: Picture, new: Region
 ) -> tuple[Float32[np.ndarray, "k 2"], Float32[np.ndarray, "k 2"]]:
     """Return matching SIFT keypoints of the thing at either place."""
-    detector = cv2.SIFT.create(contrastThreshold=0.01)
+    detector = sift_detector(CONTRAST_THRESHOLD)
     points, descriptors = [], []
     for picture, mask in ((first, old), (last, new)):
         gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
