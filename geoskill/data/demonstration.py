@@ -25,9 +25,9 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, take_features, with_instances
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
-from geoskill.tracking.known_ends import known_ends, with_known_displacements, with_known_trajectories
-from geoskill.tracking.motion import Displacement
-from geoskill.tracking.places import Places, find_places
+from geoskill.tracking.known_ends import known_ends, trajectory_of, with_known_displacements
+from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.places import find_places
 from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
@@ -131,21 +131,19 @@ class Demonstration(Transitions):
             extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
             for extractor, pipeline in negative_pipelines.items()
         }
-        shorter_side = min(frames[0].shape[:2])
-        self._trajectories = {
-            extractor: trajectories(features, flows, gap, shorter_side, trajectory)
-            for extractor, features in self._features.items()
-        }
         self.places = find_places(frames) if use_places else None
-        if self.places is not None:
-            self._correct(self.places)
-
-    def _correct(self, places: Places) -> None:
-        """Replace what tracking says of features by what the places of the carried thing tell."""
+        trajectory = TrajectoryConfig() if trajectory is None else trajectory
+        self._trajectories: dict[str, Sequence[Trajectory]] = {}
         for extractor, features in self._features.items():
-            ends = known_ends(features, places)
-            self._motions[extractor] = with_known_displacements(self._motions[extractor], features, places, ends)
-            self._trajectories[extractor] = with_known_trajectories(self._trajectories[extractor], ends)
+            if self.places is None:
+                shorter_side = min(frames[0].shape[:2])
+                self._trajectories[extractor] = trajectories(features, flows, gap, shorter_side, trajectory)
+            else:
+                ends = known_ends(features, self.places)
+                self._motions[extractor] = with_known_displacements(
+                    self._motions[extractor], features, self.places, ends
+                )
+                self._trajectories[extractor] = [trajectory_of(known, trajectory.anchors) for known in ends]
 
     def _require_instances(self, name: str) -> None:
         for member_name, member in self.members.items():

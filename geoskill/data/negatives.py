@@ -17,7 +17,7 @@ from geoskill.data.dead_leaves import dead_leaves
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.io.prefetch import Progress, parallel_map
-from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.tuning import NegativesConfig
 
 Picture = UInt8[np.ndarray, "height width 3"]
@@ -89,7 +89,7 @@ def append_negatives(
             torch.cat([trajectory.first_known_anchor, trajectory.first_known_anchor.new_full((count,), anchors)]),
             torch.cat([trajectory.final_xy, geometry]),
             _append_false(trajectory.final_known, count),
-            _append_false(trajectory.unrelated, count),
+            torch.cat([trajectory.part, torch.full((count,), Part.UNKNOWN)]),
         ),
     )
 

@@ -31,7 +31,7 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
         T_next_geometry, T_tracked: the :class:`Displacement`, in training only.
-        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known: the :class:`Trajectory`, in training only.
+        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known, T_part: the :class:`Trajectory`, in training only.
 
     And for the instances, unless the graph has none yet (:func:`feature_graph`):
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.

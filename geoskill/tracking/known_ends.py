@@ -15,10 +15,10 @@ from typing import final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int64
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.tracking.places import Places, is_in
 
 # A feature in between is one of the thing when it differs from that less than this times what it differs from all
@@ -34,19 +34,20 @@ class KnownEnds:
     """What is known of one frame's ``n`` features.
 
     Attributes:
+        part: the :class:`Part` of each feature.
         at_rest: whether a feature is on the thing at one of its places.
-        background: whether it is on the background.
-        known: whether its place at the start and at the end is known; so it is for the two above.
-        unrelated: whether it moves and is not on the thing.
         start, end: ``[n, g]`` in pixels; the frame's own geometry where not known.
     """
 
+    part: Int64[np.ndarray, " n"]
     at_rest: Bool[np.ndarray, " n"]
-    background: Bool[np.ndarray, " n"]
-    known: Bool[np.ndarray, " n"]
-    unrelated: Bool[np.ndarray, " n"]
     start: Float32[np.ndarray, "n g"]
     end: Float32[np.ndarray, "n g"]
+
+    @property
+    def known(self) -> Bool[np.ndarray, " n"]:
+        """``[n]``, whether the place at the start and at the end is known."""
+        return np.asarray((self.part == Part.THING) | (self.part == Part.BACKGROUND))
 
 
 def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds]:
@@ -58,7 +59,7 @@ def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds
         if not places.carried(frame)
     ]
     thing = [own.descriptors[ends.at_rest] for own, ends in at_rest]
-    others = np.concatenate([own.descriptors[ends.background | ends.unrelated] for own, ends in at_rest])
+    others = np.concatenate([own.descriptors[ends.part >= Part.BACKGROUND] for own, ends in at_rest])
     pool = _Pool(
         np.concatenate(thing),
         others[:: max(1, len(others) // MAX_OTHERS)],
@@ -85,29 +86,28 @@ def with_known_displacements(
         moved = places.moved(frame, frame + span, own)
         if moved is not None:
             geometry[known.at_rest], tracked[known.at_rest] = moved[known.at_rest], True
-        geometry[known.background], tracked[known.background] = own[known.background], True
-        geometry[known.unrelated], tracked[known.unrelated] = own[known.unrelated], False
+        background, unrelated = known.part == Part.BACKGROUND, known.part == Part.UNRELATED
+        geometry[background], tracked[background] = own[background], True
+        geometry[unrelated], tracked[unrelated] = own[unrelated], False
         corrected[frame, span] = Displacement(torch.from_numpy(geometry), torch.from_numpy(tracked))
     return corrected
 
 
-def with_known_trajectories(trajectories: Sequence[Trajectory], ends: Sequence[KnownEnds]) -> list[Trajectory]:
-    """Return the trajectories, with their first and last positions where these are known."""
-    corrected = []
-    for trajectory, known in zip(trajectories, ends, strict=True):
-        rows, unrelated = torch.from_numpy(known.known), torch.from_numpy(known.unrelated)
-        anchors = trajectory.anchor_xy.shape[1]
-        start = torch.from_numpy(known.start)[:, None].expand(-1, anchors, -1)
-        corrected.append(
-            Trajectory(
-                torch.where(rows[:, None, None], start, trajectory.anchor_xy),
-                torch.where(rows, 0, trajectory.first_known_anchor),
-                torch.where(rows[:, None], torch.from_numpy(known.end), trajectory.final_xy),
-                rows | (trajectory.final_known & ~unrelated),
-                unrelated,
-            )
-        )
-    return corrected
+def trajectory_of(ends: KnownEnds, anchors: int) -> Trajectory:
+    """Return the trajectory of one frame's features: from the start to the end where these are known, else unknown.
+
+    Args:
+        ends: what is known of the features.
+        anchors: number of past frames in a trajectory; at all of them a feature is where it was at the start.
+    """
+    known = torch.from_numpy(ends.known)
+    return Trajectory(
+        torch.from_numpy(ends.start)[:, None].repeat(1, anchors, 1),
+        torch.where(known, 0, anchors),
+        torch.from_numpy(ends.end),
+        known,
+        torch.from_numpy(ends.part),
+    )
 
 
 @final
@@ -132,9 +132,11 @@ def _resting(own: FeatureSet, frame: int, count: int, places: Places) -> KnownEn
         start, end = (
             own.geometry if moved is None else np.where(at_rest[:, None], moved, own.geometry) for moved in ends
         )
-    known = at_rest | on_background
-    unrelated = ~known & ~is_in(places.seam(frame), own.geometry)
-    return KnownEnds(at_rest, on_background, known, unrelated, start, end)
+    in_seam = is_in(places.seam(frame), own.geometry)
+    part = np.select(
+        [at_rest, on_background, in_seam], [Part.THING, Part.BACKGROUND, Part.UNKNOWN], default=Part.UNRELATED
+    )
+    return KnownEnds(part.astype(np.int64), at_rest, start, end)
 
 
 def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool) -> KnownEnds:
@@ -152,7 +154,7 @@ def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool) -> KnownEnds:
         same = difference[np.arange(len(rows)), best] < SAME_FEATURE_RATIO * other
         matched[rows[same]] = True
         start[matched], end[matched] = pool.start[best[same]], pool.end[best[same]]
-    return replace(ends, known=ends.known | matched, unrelated=ends.unrelated & ~matched, start=start, end=end)
+    return replace(ends, part=np.where(matched, Part.THING, ends.part), start=start, end=end)
 
 
 def _differences(first: Float32[np.ndarray, "n d"], second: Float32[np.ndarray, "m d"]) -> Float32[np.ndarray, "n m"]:

@@ -1,10 +1,24 @@
 """Results of tracking the features of one frame: displacements to another frame, and long-range trajectories."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import final
 
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
+
+
+@final
+class Part(IntEnum):
+    """What a feature of a demonstration belongs to, where that is known (:mod:`geoskill.tracking.known_ends`)."""
+
+    UNKNOWN = 0
+    THING = 1
+    """What is carried."""
+    BACKGROUND = 2
+    """What rests, the target included."""
+    UNRELATED = 3
+    """A person, or what a person covers: it has no part in the task."""
 
 
 @final
@@ -31,12 +45,11 @@ class Trajectory:
         first_known_anchor: ``[n]``, the first anchor from which on the position is known; ``a`` where it never is.
         final_xy: ``[n, g]`` in pixels, in the last frame; the frame's own geometry where unknown.
         final_known: ``[n]``, whether the final position is known.
-        unrelated: ``[n]``, whether the feature is known to have no part in the task
-            (:mod:`geoskill.tracking.known_ends`).
+        part: ``[n]``, the :class:`Part` of each feature.
     """
 
     anchor_xy: Float[Tensor, "n a g"]
     first_known_anchor: Int64[Tensor, " n"]
     final_xy: Float[Tensor, "n g"]
     final_known: Bool[Tensor, " n"]
-    unrelated: Bool[Tensor, " n"]
+    part: Int64[Tensor, " n"]

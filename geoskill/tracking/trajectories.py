@@ -25,7 +25,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.geometry.segments import distance_to_segment
 from geoskill.tracking.flow import Flow, track_dense
-from geoskill.tracking.motion import Trajectory
+from geoskill.tracking.motion import Part, Trajectory
 from geoskill.tracking.tracks import tracks_to_end
 from geoskill.tuning import TrajectoryConfig
 
@@ -55,7 +55,7 @@ def trajectories(
             torch.from_numpy(past.first_known_anchor),
             torch.from_numpy(final_xy),
             torch.from_numpy(final_known),
-            unrelated=torch.zeros(len(final_known), dtype=torch.bool),
+            part=torch.full((len(final_known),), Part.UNKNOWN),
         )
         for past, (final_xy, final_known) in zip(pasts, finals, strict=True)
     ]

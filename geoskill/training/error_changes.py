@@ -12,6 +12,7 @@ from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.goal import UNRELATED_PROGRESS, goal_progress
 from geoskill.objective.reward import beta_from_changes, error_change
+from geoskill.tracking.motion import Part
 
 
 def error_changes(member: KernelModel, graph: MotifGraph, change: str) -> Float[Tensor, " m"]:
@@ -35,7 +36,8 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     """Return the progress of each instance toward the end of the demonstration (:func:`goal_progress`).
 
     Its error before is the larger of that in the frame and that at the first anchor since which all of its nodes are
-    known; the one in the frame when there is no such anchor. An instance with an unrelated node has
+    known; the one in the frame when there is no such anchor. An instance that cannot define the task, because it has an
+    unrelated node, or because all of its nodes are on the carried thing or all on the background, has
     :data:`~geoskill.objective.goal.UNRELATED_PROGRESS`.
     """
     now = error_norm(member.control_errors(graph))
@@ -49,8 +51,10 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     after = error_norm(member.control_errors(graph, "final_xy"))
     known = _node_values(member, graph, "final_known").all(dim=0)
     progress = goal_progress(before, after, known, member.kernel.resolution)
-    unrelated = _node_values(member, graph, "unrelated").any(dim=0)
-    return torch.where(unrelated, torch.full_like(progress, UNRELATED_PROGRESS), progress)
+    part = _node_values(member, graph, "part")
+    same = (part == part[0]).all(dim=0) & ((part[0] == Part.THING) | (part[0] == Part.BACKGROUND))
+    hopeless = same | (part == Part.UNRELATED).any(dim=0)
+    return torch.where(hopeless, torch.full_like(progress, UNRELATED_PROGRESS), progress)
 
 
 def _node_values(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tensor, "k m"]:

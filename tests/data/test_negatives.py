@@ -15,7 +15,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
 from geoskill.geometry.primitives import NodeType
-from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.tuning import NegativesConfig
 
 # A `Training` is what the fixtures of conftest.py make; see there.
@@ -94,17 +94,17 @@ def test_append_negatives_are_last_and_untracked(own: int) -> None:
     all_true = torch.ones(own, dtype=torch.bool)
     motion = Displacement(torch.rand(own, 2), all_true)
     trajectory = Trajectory(
-        torch.rand(own, 5, 2), torch.zeros(own, dtype=torch.long), torch.rand(own, 2), all_true, all_true
+        torch.rand(own, 5, 2),
+        torch.zeros(own, dtype=torch.long),
+        torch.rand(own, 2),
+        all_true,
+        torch.full((own,), Part.THING),
     )
     joined, moved, traveled = append_negatives(own_features, motion, trajectory, negatives)
     assert np.array_equal(joined.descriptors, np.concatenate([own_features.descriptors, negatives.descriptors]))
     assert np.array_equal(joined.geometry, np.concatenate([own_features.geometry, negatives.geometry]))
-    assert (
-        moved.tracked.tolist()
-        == traveled.final_known.tolist()
-        == traveled.unrelated.tolist()
-        == [True] * own + [False] * 2
-    )
+    assert moved.tracked.tolist() == traveled.final_known.tolist() == [True] * own + [False] * 2
+    assert traveled.part.tolist() == [Part.THING] * own + [Part.UNKNOWN] * 2
     assert traveled.first_known_anchor.tolist() == [0] * own + [5] * 2, "a negative is known at no anchor"
     for joined_values, own_values in (
         (moved.next_geometry, motion.next_geometry),

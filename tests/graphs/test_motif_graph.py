@@ -77,7 +77,7 @@ def paths(feature_sets: Mapping[NodeType, FeatureSet], seed: int) -> dict[NodeTy
             torch.randint(4, (len(features),), generator=generator),
             torch.rand(features.geometry.shape, generator=generator),
             torch.rand(len(features), generator=generator) < 0.5,
-            torch.rand(len(features), generator=generator) < 0.5,
+            torch.randint(4, (len(features),), generator=generator),
         )
         for node_type, features in feature_sets.items()
     }

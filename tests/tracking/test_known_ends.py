@@ -8,8 +8,8 @@ import torch
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.tracking.known_ends import known_ends, with_known_displacements, with_known_trajectories
-from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.known_ends import known_ends, trajectory_of, with_known_displacements
+from geoskill.tracking.motion import Displacement, Part
 from geoskill.tracking.places import Places, find_places
 from tests.carrying import FRAMES, NEW_XY, OLD_XY, Carrying, draw, hand_xy
 
@@ -42,7 +42,7 @@ def test_known_ends_at_rest() -> None:
     ends = known_ends(features(), places())
     for frame in (1, FRAMES - 1):
         assert ends[frame].at_rest.tolist() == [True, False, False]
-        assert ends[frame].background.tolist() == [False, True, False]
+        assert ends[frame].part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNRELATED]
         assert ends[frame].known.tolist() == [True, True, False]
         np.testing.assert_allclose(ends[frame].start[THING], OLD_XY, atol=2.5)
         np.testing.assert_allclose(ends[frame].end[THING], NEW_XY, atol=2.5)
@@ -51,8 +51,7 @@ def test_known_ends_at_rest() -> None:
 
 def test_the_carried_thing_is_recognized_by_its_descriptor() -> None:
     known = known_ends(features(), places())[CARRIED]
-    assert known.known.tolist() == [True, True, False]
-    assert known.unrelated.tolist() == [False, False, True]
+    assert known.part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNRELATED]
     assert known.at_rest.tolist() == [False, False, False]
     np.testing.assert_allclose(known.start[THING], OLD_XY, atol=2.5)
     np.testing.assert_allclose(known.end[THING], NEW_XY, atol=2.5)
@@ -63,8 +62,7 @@ def test_a_carried_feature_that_looks_like_something_else_is_unrelated() -> None
     mixed = np.float32([[0.6, 0, 0.8, 0, 0, 0, 0, 0], *np.eye(3, 8)[1:]])
     sets[CARRIED] = FeatureSet(NodeType.POINT, mixed, sets[CARRIED].geometry, sets[CARRIED].scores)
     known = known_ends(sets, places())[CARRIED]
-    assert known.known.tolist() == [False, True, False]
-    assert known.unrelated.tolist() == [True, False, True]
+    assert known.part.tolist() == [Part.UNRELATED, Part.BACKGROUND, Part.UNRELATED]
 
 
 def test_nothing_is_recognized_without_a_feature_of_the_thing_at_rest() -> None:
@@ -75,27 +73,24 @@ def test_nothing_is_recognized_without_a_feature_of_the_thing_at_rest() -> None:
 
 
 @pytest.mark.parametrize("extent", [1, 2], ids=["points", "segments"])
-def test_trajectories_take_the_known_ends(extent: int) -> None:
-    sets = features(extent)
-    tracked = [
-        Trajectory(
-            torch.full((3, 4, own.geometry.shape[1]), -1.0),
-            torch.tensor([3, 4, 2]),
-            torch.full(own.geometry.shape, -2.0),
-            torch.tensor([False, False, True]),
-            torch.zeros(3, dtype=torch.bool),
-        )
-        for own in sets
-    ]
-    ends = known_ends(sets, places())
-    corrected = with_known_trajectories(tracked, ends)
-    first = corrected[0]
-    assert first.first_known_anchor.tolist() == [0, 0, 2]
-    assert first.final_known.tolist() == [True, True, False], "what is unrelated has no known end"
-    assert first.unrelated.tolist() == [False, False, True]
-    np.testing.assert_array_equal(first.anchor_xy[THING].numpy(), np.tile(ends[0].start[THING], (4, 1)))
-    np.testing.assert_array_equal(first.final_xy[THING].numpy(), ends[0].end[THING])
-    np.testing.assert_array_equal(first.anchor_xy[HAND].numpy(), -np.ones((4, sets[0].geometry.shape[1])))
+def test_trajectory_of_known_ends(extent: int) -> None:
+    ends = known_ends(features(extent), places())[0]
+    first = trajectory_of(ends, anchors=4)
+    assert first.first_known_anchor.tolist() == [0, 0, 4], "nothing is known of the hand"
+    assert first.final_known.tolist() == [True, True, False]
+    assert first.part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNRELATED]
+    np.testing.assert_array_equal(first.anchor_xy.numpy(), np.tile(ends.start[:, None], (1, 4, 1)))
+    np.testing.assert_array_equal(first.final_xy[THING].numpy(), ends.end[THING])
+
+
+def test_a_feature_in_the_seam_of_the_thing_is_unknown() -> None:
+    """Its descriptor shows both, and it looks as if it came to the thing that lies next to it in the end."""
+    sets = features()
+    row = np.flatnonzero(places().new[round(NEW_XY[1])])
+    geometry = sets[-1].geometry.copy()
+    geometry[HAND] = row.max() + 1, NEW_XY[1]
+    sets[-1] = FeatureSet(NodeType.POINT, np.eye(3, 8, dtype=np.float32), geometry, sets[-1].scores)
+    assert known_ends(sets, places())[-1].part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNKNOWN]
 
 
 def test_displacements_take_the_known_places() -> None:

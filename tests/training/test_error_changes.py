@@ -21,7 +21,7 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.objective.goal import UNRELATED_PROGRESS, goal_progress
-from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.training.error_changes import error_changes, fit_reward_scale, instance_goal_progress
 
 # What the fixtures of conftest.py make; see there.
@@ -194,7 +194,7 @@ def test_instance_goal_progress_by_hand() -> None:
         torch.tensor([0, 1, 2, 0]),
         final,
         torch.tensor([True, True, True, False]),
-        torch.zeros(4, dtype=torch.bool),
+        torch.zeros(4, dtype=torch.long),
     )
     graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: xy})
     values = instance_goal_progress(member_of(PointToPoint()), graph).tolist()
@@ -222,34 +222,34 @@ def test_instance_goal_progress_counts_from_the_larger_error() -> None:
         torch.tensor([0, 0]),
         torch.tensor([[100.0, 0], [100, 0]]),
         torch.tensor([True, True]),
-        torch.tensor([False, False]),
+        torch.zeros(2, dtype=torch.long),
     )
     graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: [[20.0, 0], [100, 0]]})
     expected = goal_progress(torch.tensor([80.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
     torch.testing.assert_close(instance_goal_progress(member_of(PointToPoint()), graph), expected)
 
 
-def test_an_instance_with_an_unrelated_node_has_the_least_progress() -> None:
-    anchor_xy = torch.tensor([[[0.0, 0]], [[100, 0]], [[50, 0]]])
-    trajectory = Trajectory(
-        anchor_xy,
-        torch.tensor([0, 0, 0]),
-        torch.tensor([[100.0, 0], [100, 0], [100, 0]]),
-        torch.tensor([True, True, True]),
-        torch.tensor([False, False, True]),
-    )
+def test_instances_that_cannot_define_the_task_have_the_least_progress() -> None:
+    """Two features of the thing seem to come together where one is taken for the other."""
+    part = torch.tensor([Part.THING, Part.BACKGROUND, Part.UNRELATED, Part.THING, Part.BACKGROUND, Part.UNKNOWN])
+    anchor_xy = torch.tensor([[[0.0, 0]], [[100, 0]], [[50, 0]], [[0, 40]], [[100, 90]], [[0, 100]]])
+    final_xy = torch.tensor([[100.0, 0]]).repeat(6, 1)
+    trajectory = Trajectory(anchor_xy, torch.zeros(6).long(), final_xy, torch.ones(6).bool(), part)
     graph = graph_with_trajectories({POINT: trajectory}, PointToPoint(), {POINT: anchor_xy[:, 0].tolist()})
     progress = instance_goal_progress(member_of(PointToPoint()), graph)
-    together = goal_progress(torch.tensor([100.0]), torch.tensor([0.0]), torch.tensor([True]), 1.0)
-    torch.testing.assert_close(progress, torch.tensor([float(together), UNRELATED_PROGRESS, UNRELATED_PROGRESS]))
+    pairs = [tuple(pair) for pair in graph.instance_index.T.tolist()]
+    hopeless = {(0, 3), (1, 4), *((i, j) for i, j in pairs if 2 in (i, j))}
+    least = {pair for pair, value in zip(pairs, progress.tolist(), strict=True) if value == UNRELATED_PROGRESS}
+    assert least == hopeless
+    assert progress[pairs.index((0, 1))] > 0.5
 
 
 def test_instance_goal_progress_of_a_point_and_a_line() -> None:
     """A point 30 px above a horizontal line; it was 50 px above it, and ends 2 px below."""
-    yes, no = torch.tensor([True]), torch.tensor([False])
-    points = Trajectory(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), yes, no)
+    yes, unknown = torch.tensor([True]), torch.tensor([int(Part.UNKNOWN)])
+    points = Trajectory(torch.tensor([[[5.0, -50]]]), torch.tensor([0]), torch.tensor([[5.0, 2]]), yes, unknown)
     line = torch.tensor([[0.0, 0, 10, 0]])
-    lines = Trajectory(line[:, None], torch.tensor([0]), line, yes, no)
+    lines = Trajectory(line[:, None], torch.tensor([0]), line, yes, unknown)
     graph = graph_with_trajectories(
         {POINT: points, LINE: lines}, PointToLine(), {POINT: [[5.0, -30]], LINE: line.tolist()}
     )
