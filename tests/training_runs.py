@@ -127,7 +127,7 @@ class Training:
         folder.mkdir(exist_ok=True)
         table = MetricsTable(folder / "metrics.csv")
         provenance = Provenance(("tiles",), (160, 120), date="2026-01-01", version="0", seed=5)
-        record = SkillRecord(self.spec, provenance, self.demonstration)
+        record = SkillRecord(self.spec, provenance, {}, self.demonstration)
         settings = {
             "accelerator": "cpu",
             "devices": 1,

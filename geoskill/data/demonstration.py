@@ -21,19 +21,22 @@ from geoskill.data.transitions import Transition, Transitions
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
+from geoskill.features.preference import FeaturePreference
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, take_features, with_instances
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
-from geoskill.tracking.known_ends import known_ends, trajectory_of, with_known_displacements
+from geoskill.tracking.known_ends import known_ends, preference_of, trajectory_of, with_known_displacements
 from geoskill.tracking.motion import Displacement, Trajectory
-from geoskill.tracking.places import find_places
+from geoskill.tracking.places import Places, find_places
 from geoskill.tracking.tracks import chain_displacements, neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
 # Limit of features per type in a frame for statistics that are fitted to all transitions, which do not need more.
 MAX_FIT_FEATURES = 100
+# Frames that a preference is drawn from, about: a thing at rest looks the same in all of them.
+MAX_PREFERENCE_FRAMES = 20
 
 
 def time_spans(frame_count: int, gap: int, max_span_ratio: float) -> tuple[int, ...]:
@@ -85,6 +88,7 @@ class Demonstration(Transitions):
 
     Attributes:
         places: of the carried thing, where they were looked for and found.
+        preferences: which features were kept, by the extractor's name, where the places tell.
 
     Raises:
         InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member.
@@ -112,8 +116,14 @@ class Demonstration(Transitions):
         numbers = range(len(frames))
         self._transitions = [(t, i) for i, span in enumerate(self._spans) for t in numbers[:-span]]
 
+        self.places = find_places(frames) if use_places else None
+        self.preferences = {} if self.places is None else _preferences(frames, pipelines, self.places)
+        preferring = {
+            extractor: own.preferring(self.preferences.get(extractor)) for extractor, own in pipelines.items()
+        }
+
         def extract(frame: np.ndarray) -> dict[str, FeatureSet]:
-            return {extractor: pipeline.extract(frame) for extractor, pipeline in pipelines.items()}
+            return {extractor: pipeline.extract(frame) for extractor, pipeline in preferring.items()}
 
         extracted = parallel_map(
             extract, frames, numbers, threads=threads, progress=progress, description="extracting features"
@@ -131,7 +141,6 @@ class Demonstration(Transitions):
             extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
             for extractor, pipeline in negative_pipelines.items()
         }
-        self.places = find_places(frames) if use_places else None
         trajectory = TrajectoryConfig() if trajectory is None else trajectory
         self._trajectories: dict[str, Sequence[Trajectory]] = {}
         for extractor, features in self._features.items():
@@ -218,6 +227,21 @@ class Demonstration(Transitions):
         pool = self._negatives[name]
         random = np.random.default_rng([frame, span + len(self._transitions)])
         return pool.take(random.permutation(len(pool))[: self._num_negatives])
+
+
+def _preferences(
+    frames: Sequence[np.ndarray], pipelines: Mapping[str, FeaturePipeline], places: Places
+) -> dict[str, FeaturePreference]:
+    """Return which features of a demonstration to keep, by the extractor's name."""
+    resting = [frame for frame in range(len(frames)) if not places.carried(frame)]
+    looked_at = resting[:: max(1, len(resting) // MAX_PREFERENCE_FRAMES)]
+    preferences = {}
+    for extractor, pipeline in pipelines.items():
+        candidates = {frame: pipeline.candidates(frames[frame]) for frame in looked_at}
+        preference = preference_of(candidates, len(frames), places)
+        if preference is not None:
+            preferences[extractor] = preference
+    return preferences
 
 
 def _evenly_chosen(count: int) -> Bool[Tensor, " n"]:

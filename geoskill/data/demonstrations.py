@@ -10,6 +10,7 @@ from torch import Tensor
 
 from geoskill.data.demonstration import Demonstration
 from geoskill.data.transitions import Transition, Transitions
+from geoskill.features.preference import FeaturePreference, merged
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 
@@ -38,6 +39,15 @@ class Demonstrations(Transitions):
             if demonstration.spans != self._spans[: len(demonstration.spans)]:
                 raise ValueError(f"spans of {demonstration.spans} and {self._spans} frames; expected the same gap")
         self._ends = list(accumulate(len(demonstration) for demonstration in demonstrations))
+
+    @property
+    def preferences(self) -> dict[str, FeaturePreference]:
+        """Which features of other frames of the task to keep, by the extractor's name, where this is known."""
+        names = dict.fromkeys(name for own in self._demonstrations for name in own.preferences)
+        return {
+            name: merged([own.preferences[name] for own in self._demonstrations if name in own.preferences])
+            for name in names
+        }
 
     def _locate(self, index: int) -> tuple[Demonstration, int]:
         """Return the demonstration of a transition, and its index there."""

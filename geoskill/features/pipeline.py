@@ -1,5 +1,7 @@
-"""The feature pipeline: enlarge the frame, extract, keep the highest scores, convert back to the frame's pixels."""
+"""The feature pipeline: enlarge the frame, extract, keep the best features, convert back to the frame's pixels."""
 
+import copy
+import hashlib
 from typing import final
 
 import cv2
@@ -11,6 +13,7 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.color import COLOR_DIM, colors_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
+from geoskill.features.preference import MAX_CANDIDATES, FeaturePreference
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
 
@@ -27,6 +30,9 @@ class FeaturePipeline:
         color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
             its descriptor; 0 for no colors. Extractors without orientation have none.
         cache: keeps extracted features between runs; None for no cache.
+
+    Attributes:
+        preference: what a share of the features is kept for, in place of the highest scores; None for no share.
 
     Raises:
         InputError: when ``max_features``, ``min_side`` or ``color`` is out of range.
@@ -52,6 +58,7 @@ class FeaturePipeline:
         self.min_side = min_side
         self.color = color if extractor.has_orientation else 0.0
         self.cache = cache
+        self.preference: FeaturePreference | None = None
 
     @property
     def descriptor_dim(self) -> int:
@@ -69,7 +76,16 @@ class FeaturePipeline:
         extractor_class = type(self.extractor)
         arguments = sorted(vars(self.extractor).items())
         settings = f"{self.max_features} {self.min_side} {self.color}"
+        if self.preference is not None:
+            arrays = (*self.preference.groups, self.preference.others)
+            settings += " " + hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
         return f"{extractor_class.__module__}.{extractor_class.__qualname__}{arguments} {settings} {cv2.__version__}"
+
+    def preferring(self, preference: FeaturePreference | None) -> "FeaturePipeline":
+        """Return this pipeline with another preference."""
+        pipeline = copy.copy(self)
+        pipeline.preference = preference
+        return pipeline
 
     def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
         """Return at most ``max_features`` features of an RGB frame, highest score first, in pixels of the frame."""
@@ -78,16 +94,26 @@ class FeaturePipeline:
         identity = self.identity + code_identity(type(self.extractor))
         return self.cache.get_or_compute(frame, identity, lambda: self._extract(frame))
 
+    def candidates(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
+        """Return the features of an RGB frame from which :attr:`preference` chooses; they are not cached."""
+        return self._described(frame, max(self.max_features, MAX_CANDIDATES))
+
     def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
+        if self.preference is None:
+            return self._described(frame, self.max_features)
+        candidates = self.candidates(frame)
+        return candidates.take(self.preference.choose(candidates, self.max_features))
+
+    def _described(self, frame: UInt8[np.ndarray, "height width 3"], limit: int) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         height, width = gray.shape
         factor = max(1.0, self.min_side / min(height, width))
         if factor > 1.0:
             size = (round(width * factor), round(height * factor))
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
-        features = self.extractor.extract(np.asarray(gray, np.uint8), self.max_features)
+        features = self.extractor.extract(np.asarray(gray, np.uint8), limit)
         # Not a slice, which would keep the arrays of all detected features in memory.
-        features = features.take(np.arange(min(len(features), self.max_features)))
+        features = features.take(np.arange(min(len(features), limit)))
         ratios = width / gray.shape[1], height / gray.shape[0]
         geometry = rescale_points(features.geometry, *ratios).astype(np.float32)
         descriptors = features.descriptors

@@ -5,6 +5,7 @@ A checkpoint is a dictionary of plain values and tensors, as Lightning writes it
     skill:
       specification: ...      SkillSpec
       provenance: ...         Provenance
+      preferences: ...        FeaturePreference by the extractor's name, where there is one
 
 It is read with ``torch.load(weights_only=True)``, so nothing in it is executed.
 """
@@ -18,6 +19,8 @@ import torch
 
 from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
+from geoskill.features.pipeline import FeaturePipeline
+from geoskill.features.preference import FeaturePreference
 from geoskill.io.atomic import atomic_open
 from geoskill.schema import WORDS, as_plain
 from geoskill.skill.spec import SkillSpec, mapping_of, text_of
@@ -122,6 +125,7 @@ class StoredSkill:
         path: of the checkpoint.
         spec: what the skill is made of.
         provenance: where it comes from.
+        preferences: which features it keeps, by the extractor's name.
         weights: of each member, by the names of its state.
         contents: all of the checkpoint, to go on with its training.
     """
@@ -129,13 +133,22 @@ class StoredSkill:
     path: Path
     spec: SkillSpec
     provenance: Provenance
+    preferences: Mapping[str, FeaturePreference]
     weights: Mapping[str, Mapping[str, torch.Tensor]]
     contents: Mapping[str, Any]
 
 
-def skill_entry(spec: SkillSpec, provenance: Provenance) -> dict[str, Any]:
+def skill_entry(spec: SkillSpec, provenance: Provenance, pipelines: Mapping[str, FeaturePipeline]) -> dict[str, Any]:
     """Return the entry ``skill`` of a checkpoint."""
-    return {"specification": spec.as_plain(), "provenance": as_plain(provenance)}
+    preferences = {
+        name: {
+            "groups": [torch.from_numpy(group) for group in pipeline.preference.groups],
+            "others": torch.from_numpy(pipeline.preference.others),
+        }
+        for name, pipeline in pipelines.items()
+        if pipeline.preference is not None
+    }
+    return {"specification": spec.as_plain(), "provenance": as_plain(provenance), "preferences": preferences}
 
 
 def read_skill(reference: str | Path) -> StoredSkill:
@@ -160,8 +173,12 @@ def read_skill(reference: str | Path) -> StoredSkill:
         entry = contents["skill"]
         if isinstance(entry, Mapping) and "format" in entry:  # the specification itself, until format 2
             SkillSpec.from_plain(entry)
-        entries = mapping_of(entry, "entry", ("specification", "provenance"))
+        entries = mapping_of(entry, "entry", ("specification", "provenance", "preferences"))
         spec, provenance = SkillSpec.from_plain(entries["specification"]), Provenance.from_plain(entries["provenance"])
+        preferences = {
+            name: _preference(value, f"preferences.{name}")
+            for name, value in mapping_of(entries["preferences"], "preferences").items()
+        }
         weights: dict[str, dict[str, torch.Tensor]] = {name: {} for name in spec.members}
         for key, value in mapping_of(contents["state_dict"], "state_dict").items():
             _, _, rest = key.partition("members.")
@@ -170,7 +187,7 @@ def read_skill(reference: str | Path) -> StoredSkill:
                 weights[member][name] = value
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return StoredSkill(path, spec, provenance, weights, contents)
+    return StoredSkill(path, spec, provenance, preferences, weights, contents)
 
 
 def write_checkpoint(path: str | Path, contents: Mapping[str, Any]) -> None:
@@ -208,6 +225,20 @@ def _from_wandb(reference: str) -> Path:
 
 def _names(schema: type) -> list[str]:
     return [own.name for own in fields(schema)]
+
+
+def _preference(value: object, where: str) -> FeaturePreference:
+    entries = mapping_of(value, where, ("groups", "others"))
+    groups = entries["groups"] if isinstance(entries["groups"], list) else [None]
+    arrays = []
+    for tensor in (*groups, entries["others"]):
+        if not isinstance(tensor, torch.Tensor) or tensor.dtype != torch.float32:
+            raise InputError(f"the skill's {where} holds {type(tensor).__name__}; expected float32 descriptors")
+        arrays.append(tensor.numpy())
+    try:
+        return FeaturePreference(tuple(arrays[:-1]), arrays[-1])
+    except ValueError as error:
+        raise InputError(f"the skill's {where}: {error}") from error
 
 
 def _integers(value: object, where: str) -> tuple[int, int]:

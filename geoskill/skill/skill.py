@@ -100,7 +100,9 @@ class Skill:
     def save(self, path: str | Path) -> None:
         """Write the skill as a checkpoint that can be loaded, but not trained further."""
         weights = torch.nn.ModuleDict(dict(self.members)).state_dict(prefix="members.")
-        write_checkpoint(path, {"skill": skill_entry(self.spec, self.provenance), "state_dict": dict(weights)})
+        write_checkpoint(
+            path, {"skill": skill_entry(self.spec, self.provenance, self.pipelines), "state_dict": dict(weights)}
+        )
 
     def infer(
         self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
@@ -154,6 +156,8 @@ def build_stored(stored: StoredSkill, cache: FeatureCache | None = None) -> Skil
         components = build_skill(stored.spec, cache)
         for name, member in components.members.items():
             member.load_state_dict(dict(stored.weights[name]))
+        for name, preference in stored.preferences.items():
+            components.pipelines[name] = components.pipelines[name].preferring(preference)
     except InputError as error:
         raise InputError(f"{stored.path}: {error}") from error
     except Exception as error:

@@ -18,6 +18,7 @@ import torch
 from jaxtyping import Bool, Float32, Int64
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.features.preference import FeaturePreference, merged
 from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.tracking.places import Places, is_in
 
@@ -70,6 +71,30 @@ def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds
         _recognized(own, ends, pool) if frame >= places.picked else ends
         for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
     ]
+
+
+def preference_of(candidates: Mapping[int, FeatureSet], count: int, places: Places) -> FeaturePreference | None:
+    """Return which features to keep: those of the thing, and those of the background next to its new place.
+
+    Args:
+        candidates: features of frames in which the thing rests, by the frame's number.
+        count: number of frames of the demonstration.
+        places: of the thing.
+
+    Returns:
+        None when one of the two has no feature at all.
+    """
+    thing, target, others = [], [], []
+    for frame, features in candidates.items():
+        part = _resting(features, frame, count, places).part
+        near = is_in(places.around_new, features.geometry)
+        thing.append(features.descriptors[part == Part.THING])
+        target.append(features.descriptors[(part == Part.BACKGROUND) & near])
+        others.append(features.descriptors[(part == Part.UNRELATED) | ((part == Part.BACKGROUND) & ~near)])
+    groups = (np.concatenate(thing), np.concatenate(target), np.concatenate(others))
+    if not all(len(group) for group in groups):
+        return None
+    return merged([FeaturePreference(groups[:2], groups[2])])
 
 
 def with_known_displacements(

@@ -107,6 +107,12 @@ class Places:
         return np.asarray((points @ transform[:, :2].T + transform[:, 2]).reshape(geometry.shape), np.float32)
 
     @cached_property
+    def around_new(self) -> Region:
+        """Where the target is seen: the new place, and around it as far as the thing is large."""
+        size_px = max(1, round(float(np.sqrt(self.new.sum()))))
+        return np.asarray(grown(self.new.astype(np.uint8), size_px) > 0)
+
+    @cached_property
     def _wide_old(self) -> Region:
         return _widened(self.old)
 

@@ -13,6 +13,7 @@ from lightning.pytorch.callbacks import Checkpoint
 from torch import Tensor, nn
 
 from geoskill.data.transitions import Transitions
+from geoskill.features.pipeline import FeaturePipeline
 from geoskill.io.atomic import atomic_open, atomic_path
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.checkpoint import Provenance, skill_entry
@@ -73,12 +74,20 @@ class SkillRecord(Callback):
     Args:
         spec: what the skill is made of.
         provenance: where it comes from; epochs and metrics are filled in here.
+        pipelines: by name, with the features that they prefer.
         demonstration: to calibrate with.
     """
 
-    def __init__(self, spec: SkillSpec, provenance: Provenance, demonstration: Transitions) -> None:
+    def __init__(
+        self,
+        spec: SkillSpec,
+        provenance: Provenance,
+        pipelines: Mapping[str, FeaturePipeline],
+        demonstration: Transitions,
+    ) -> None:
         self.spec = spec
         self.provenance = provenance
+        self.pipelines = pipelines
         self.demonstration = demonstration
         self._margins: Mapping[str, Tensor] = {}
 
@@ -108,7 +117,7 @@ class SkillRecord(Callback):
                 if key.endswith(".reference_margin"):
                     checkpoint["state_dict"][key] = torch.zeros_like(weight)
         self.provenance = replace(self.provenance, finished=finished)
-        checkpoint["skill"] = skill_entry(self.spec, self.provenance)
+        checkpoint["skill"] = skill_entry(self.spec, self.provenance, self.pipelines)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Calibrate the module's own members, whose weights are the averaged ones by now."""

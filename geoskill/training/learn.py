@@ -135,7 +135,7 @@ def learn(
             config.demonstration.descriptor_noise,
             keep_prototypes=init_from is not None,
         )
-        record = SkillRecord(spec, provenance, demonstration)
+        record = SkillRecord(spec, provenance, components.pipelines, demonstration)
         table = MetricsTable(None if curves is None else Path(curves))
         trainer = build_trainer(
             config,
@@ -196,7 +196,7 @@ def _finish(
         fit_reference_margin(components.members, demonstration)
         provenance = replace(provenance, finished=True, epochs=(provenance.epochs[0], epochs))
         weights = torch.nn.ModuleDict(dict(components.members)).state_dict(prefix="members.")
-        contents |= {"skill": skill_entry(stored.spec, provenance), "state_dict": weights}
+        contents |= {"skill": skill_entry(stored.spec, provenance, components.pipelines), "state_dict": weights}
     if checkpoint is not None:
         write_checkpoint(checkpoint, contents)
     table = MetricsTable(None if curves is None else Path(curves))

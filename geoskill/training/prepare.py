@@ -54,7 +54,7 @@ def prepare(
     Args:
         config: of the training.
         sources: the demonstrations; read one after the other, no picture is kept.
-        components: kernels, and the pipelines that feed them.
+        components: kernels, and the pipelines that feed them; these then keep what the demonstrations tell to prefer.
         progress: shows progress over a sequence, or None.
         scene: the simulated scene that the demonstrations show.
 
@@ -85,6 +85,9 @@ def prepare(
         size = size if any(size) else (pictures[0].shape[1], pictures[0].shape[0])
     if not prepared:
         raise InputError(f"no demonstration; expected {DEMONSTRATIONS}")
+    demonstrations = Demonstrations(prepared)
+    for extractor, preference in demonstrations.preferences.items():
+        components.pipelines[extractor] = components.pipelines[extractor].preferring(preference)
     provenance = Provenance(
         sources=tuple(names),
         image_size=size,
@@ -94,7 +97,7 @@ def prepare(
         configuration=as_plain(config),
         scene=scene,
     )
-    return Demonstrations(prepared), provenance
+    return demonstrations, provenance
 
 
 def _opened(source: Source, number: int) -> FrameSource:

@@ -32,7 +32,7 @@ def checkpoint(spec: SkillSpec, provenance: Provenance) -> dict[str, Any]:
     for member in members.values():
         member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
     weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
-    return {"skill": skill_entry(spec, provenance), "state_dict": weights, "epoch": 3}
+    return {"skill": skill_entry(spec, provenance, {}), "state_dict": weights, "epoch": 3}
 
 
 @pytest.fixture

@@ -6,15 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
+from geoskill.features.preference import FeaturePreference
 from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import Provenance, SimulatedScene, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillSpec
+from geoskill.skill.spec import SkillSpec, build_skill
 
 SCENE = SimulatedScene("sorting", 3, ScenarioConfig(actor="robot", severity=0.5))
 
@@ -35,8 +37,45 @@ def test_provenance_survives_a_checkpoint(
     spec: SkillSpec, provenance: Provenance, tmp_path: Path, scene: SimulatedScene | None
 ) -> None:
     several = replace(provenance, sources=("a.mp4", "b"), scene=scene)
-    write_checkpoint(tmp_path / "skill.ckpt", {"skill": skill_entry(spec, several), "state_dict": {}})
+    write_checkpoint(tmp_path / "skill.ckpt", {"skill": skill_entry(spec, several, {}), "state_dict": {}})
     assert read_skill(tmp_path).provenance == several
+
+
+def test_preferences_survive_a_checkpoint(spec: SkillSpec, provenance: Provenance, tmp_path: Path) -> None:
+    pipelines = build_skill(spec).pipelines
+    name, pipeline = next(iter(pipelines.items()))
+    width = pipeline.descriptor_dim
+    preference = FeaturePreference(
+        (np.ones((2, width), np.float32), np.eye(3, width, dtype=np.float32)), np.ones((1, width), np.float32)
+    )
+    entry = skill_entry(spec, provenance, {**pipelines, name: pipeline.preferring(preference)})
+    write_checkpoint(tmp_path / "skill.ckpt", {"skill": entry, "state_dict": {}})
+    (found,) = read_skill(tmp_path).preferences.items()
+    assert found[0] == name
+    for array, expected in zip(
+        (*found[1].groups, found[1].others), (*preference.groups, preference.others), strict=True
+    ):
+        np.testing.assert_array_equal(array, expected)
+
+
+@pytest.mark.parametrize(
+    ("preference", "message"),
+    [
+        ({"groups": []}, "preferences.sift has groups; expected groups, others"),
+        ({"groups": "all", "others": torch.zeros(1, 4)}, "preferences.sift holds NoneType; expected float32"),
+        ({"groups": [[1.0]], "others": torch.zeros(1, 4)}, "preferences.sift holds list; expected float32"),
+        ({"groups": [torch.zeros(1, 4).long()], "others": torch.zeros(1, 4)}, "holds Tensor; expected float32"),
+        ({"groups": [torch.zeros(1, 3)], "others": torch.zeros(1, 4)}, r"shapes \[\(1, 3\), \(1, 4\)\]; expected"),
+        ({"groups": [torch.zeros(0, 4)], "others": torch.zeros(1, 4)}, "empty or not finite"),
+    ],
+)
+def test_read_skill_refuses_other_preferences(
+    checkpoint: dict[str, Any], tmp_path: Path, preference: dict[str, Any], message: str
+) -> None:
+    entry = {**checkpoint["skill"], "preferences": {"sift": preference}}
+    write_checkpoint(tmp_path / "skill.ckpt", {**checkpoint, "skill": entry})
+    with pytest.raises(InputError, match=message):
+        read_skill(tmp_path)
 
 
 def test_provenance_is_unfinished_unless_said_otherwise() -> None:
@@ -65,17 +104,26 @@ ROOT = ("skill", "provenance")
 CASES: list[tuple[tuple[str, ...], object, str]] = [
     (("skill",), None, "the skill's entry is None; expected names with values"),
     (("skill",), "p2p", "the skill's entry is 'p2p'; expected names with values"),
-    (("skill", "provenance"), REMOVED, "the skill's entry has specification; expected specification, provenance"),
-    (("skill", "specification"), REMOVED, "the skill's entry has provenance; expected specification, provenance"),
+    (
+        ("skill", "provenance"),
+        REMOVED,
+        "the skill's entry has specification, preferences; expected specification, provenance, preferences",
+    ),
+    (
+        ("skill", "specification"),
+        REMOVED,
+        "the skill's entry has provenance, preferences; expected specification, provenance, preferences",
+    ),
     (
         ("skill", "more"),
         1,
-        "the skill's entry has specification, provenance, more; expected specification, provenance",
+        "the skill's entry has specification, provenance, preferences, more; expected specification, provenance,"
+        " preferences",
     ),
     (
         ("skill", "specification"),
         {},
-        "the skill's format is None; expected 3 (learn it again with this version)",
+        "the skill's format is None; expected 4 (learn it again with this version)",
     ),
     (("skill", "specification", "model"), 3, "the skill's model is 3; expected names with values"),
     (("state_dict",), [1], "the skill's state_dict is [1]; expected names with values"),

@@ -186,7 +186,7 @@ def test_load_refuses_old_formats_with_what_to_do(tmp_path: Path, checkpoint: di
     torch.save({**checkpoint, "skill": description}, path)
     with pytest.raises(
         InputError,
-        match=rf"^{path}: the skill's format is {number}; expected 3 \(learn it again with this version\)$",
+        match=rf"^{path}: the skill's format is {number}; expected 4 \(learn it again with this version\)$",
     ):
         Skill.load(path)
 
@@ -228,7 +228,7 @@ def test_unfinished_skill_loads_with_a_warning(
 ) -> None:
     path = tmp_path / "skill.ckpt"
     unfinished = replace(provenance, finished=False, epochs=(3, 16), metrics={})
-    torch.save({**checkpoint, "skill": skill_entry(spec, unfinished)}, path)
+    torch.save({**checkpoint, "skill": skill_entry(spec, unfinished, {})}, path)
     message = f"{path} is unfinished (3 of 16 epochs): its confidence is not calibrated; go on with ckpt_path={path}"
     with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
         skill = Skill.load(tmp_path)
@@ -259,7 +259,7 @@ def test_network_without_messages_has_one_precision(spec: SkillSpec, provenance:
         for key, value in member.state_dict().items()
     }
     path = tmp_path / "bilinear.ckpt"
-    torch.save({"skill": skill_entry(spec, provenance), "state_dict": weights}, path)
+    torch.save({"skill": skill_entry(spec, provenance, {}), "state_dict": weights}, path)
     Skill.load(path, precision="float32")
     with pytest.raises(
         InputError, match=r"^precision=bfloat16: Bilinear passes no messages; expected float32 or null$"

@@ -8,7 +8,7 @@ import torch
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.tracking.known_ends import known_ends, trajectory_of, with_known_displacements
+from geoskill.tracking.known_ends import known_ends, preference_of, trajectory_of, with_known_displacements
 from geoskill.tracking.motion import Displacement, Part
 from geoskill.tracking.places import Places, find_places
 from tests.carrying import FRAMES, NEW_XY, OLD_XY, Carrying, draw, hand_xy
@@ -91,6 +91,23 @@ def test_a_feature_in_the_seam_of_the_thing_is_unknown() -> None:
     geometry[HAND] = row.max() + 1, NEW_XY[1]
     sets[-1] = FeatureSet(NodeType.POINT, np.eye(3, 8, dtype=np.float32), geometry, sets[-1].scores)
     assert known_ends(sets, places())[-1].part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNKNOWN]
+
+
+def test_preference_of_the_thing_and_its_target() -> None:
+    """The table's feature is far from the new place; one beside it is the target's."""
+    beside = np.float32([[NEW_XY[0] + 20, NEW_XY[1]]])
+    candidates = {}
+    for frame in (2, FRAMES - 1):
+        own = features()[frame]
+        geometry = np.concatenate([own.geometry, beside])
+        candidates[frame] = FeatureSet(NodeType.POINT, np.eye(4, 8, dtype=np.float32), geometry, np.ones(4, np.float32))
+    preference = preference_of(candidates, FRAMES, places())
+    assert preference is not None
+    thing, target = preference.groups
+    assert thing.argmax(axis=1).tolist() == [THING, THING]
+    assert target.argmax(axis=1).tolist() == [3, 3]
+    assert set(preference.others.argmax(axis=1).tolist()) == {TABLE, HAND}
+    assert preference_of({2: candidates[2].take([TABLE, HAND, 3])}, FRAMES, places()) is None
 
 
 def test_displacements_take_the_known_places() -> None:

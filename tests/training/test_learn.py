@@ -227,7 +227,7 @@ def test_callbacks_are_in_the_order_in_which_they_depend_on_each_other(
 ) -> None:
     config = configured(early_stopping=EarlyStoppingConfig(patience=1))
     provenance = Provenance(("tiles",), (160, 120), date="", version="", seed=0)
-    record = SkillRecord(training.spec, provenance, training.demonstration)
+    record = SkillRecord(training.spec, provenance, {}, training.demonstration)
     trainer = build_trainer(config, MetricsTable(), record, tmp_path / "skill.ckpt", (), progress_bar=False)
     assert [type(callback).__name__ for callback in trainer.callbacks] == [
         "MetricsTable",
