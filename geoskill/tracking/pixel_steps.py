@@ -29,6 +29,8 @@ END_PICTURES = 3
 MIN_CHANGE = 12.0
 MIN_MOTION = 4.0
 BLUR_PX = 1.0
+# Darker and brighter pixels, of 1, tell little of the exposure.
+MIN_LIT, MAX_LIT = 0.1, 0.95
 
 
 @final
@@ -66,7 +68,8 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     """Compare the RGB pictures of a demonstration; see :class:`PixelSteps`."""
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_PICTURES)).round().astype(np.int64))
-    pictures = np.stack([_small_lab(frames[t]) for t in chosen])
+    first = _small(frames[0])
+    pictures = np.stack([_lab(_exposed_as(first, _small(frames[t]))) for t in chosen])
     before, after = (np.median(ends, axis=0) for ends in (pictures[:END_PICTURES], pictures[-END_PICTURES:]))
     difference = np.linalg.norm(after - before, axis=2)
     # Light that changes everywhere is no change of a place.
@@ -89,9 +92,27 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     return PixelSteps(chosen, before, after, changed, step, inconsistency, moving, like_before, like_after)
 
 
-def _small_lab(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:
+def _small(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:
+    """Return a picture at the working size, in [0, 1], without its finest detail."""
     small = resized(frame, min(1.0, WORKING_SIDE / min(frame.shape[:2]))).astype(np.float32) / 255.0
-    return np.asarray(cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), BLUR_PX), cv2.COLOR_RGB2Lab), np.float32)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR_PX), np.float32)
+
+
+def _exposed_as(
+    first: Float32[np.ndarray, "h w 3"], picture: Float32[np.ndarray, "h w 3"]
+) -> Float32[np.ndarray, "h w 3"]:
+    """Return a picture with the brightness and white balance of the first one, which a camera adjusts as it likes.
+
+    Most of the picture is taken to be the same in both.
+    """
+    lit = (np.minimum(first, picture) > MIN_LIT).all(axis=2) & (np.maximum(first, picture) < MAX_LIT).all(axis=2)
+    if not lit.any():
+        return picture
+    return np.asarray(picture * np.median(first[lit] / picture[lit], axis=0), np.float32)
+
+
+def _lab(picture: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
+    return np.asarray(cv2.cvtColor(picture.clip(0.0, 1.0), cv2.COLOR_RGB2Lab), np.float32)
 
 
 def _opened(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

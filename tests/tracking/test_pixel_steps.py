@@ -57,6 +57,24 @@ def test_a_change_of_light_is_no_change_of_a_place() -> None:
     assert (steps.step == 0).all()
 
 
+def test_pictures_are_exposed_as_the_first() -> None:
+    """A camera that turns darker and redder by and by: what stays, stays alike, and the step is where it was."""
+    steady = pictures([THING] * STEP + [GROUND] * (FRAMES - STEP))
+    gains = np.linspace([1.0, 1.0, 1.0], [0.85, 0.7, 0.7], FRAMES)
+    shifting = [np.uint8(np.round(picture * gain)) for picture, gain in zip(steady, gains, strict=True)]
+    steps, expected = pixel_steps(shifting), pixel_steps(steady)
+    np.testing.assert_array_equal(steps.changed, expected.changed)
+    np.testing.assert_array_equal(inner(steps.step), inner(expected.step))
+    np.testing.assert_allclose(steps.after, expected.after, atol=2.0)
+    assert not steps.moving[:, :5].any()
+
+
+def test_a_black_picture_keeps_its_exposure() -> None:
+    black = pixel_steps([np.zeros((40, 60, 3), np.uint8)] * FRAMES)
+    assert not black.changed.any()
+    assert np.isfinite(black.before).all()
+
+
 def test_pixels_look_like_either_end_until_and_from_the_step() -> None:
     steps = steps_of([THING] * STEP + [HAND] * 2 + [GROUND] * (FRAMES - STEP - 2))
     assert inner(steps.like_before).all(axis=(1, 2)).tolist() == [t < STEP for t in range(FRAMES)]
