@@ -2,7 +2,7 @@
 
 ::
 
-    format: 3
+    format: 4
     extractors: {sift: {name: sift, package: geoskill, arguments: {root: false, ...}}}
     members:    {p2p_sift: {kernel: {name: p2p, ...}, extractors: {point: sift}}}
     model:      {name: message_passing, package: geoskill, arguments: {hidden_dim: 32, ...}}
@@ -32,7 +32,7 @@ from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, NAME, PACKAGE, SCORERS, Registry
 from geoskill.schema import as_plain, settings_of
 
-FORMAT = 3
+FORMAT = 4
 
 Plain = bool | int | float | str | None
 

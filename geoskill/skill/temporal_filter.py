@@ -27,11 +27,14 @@ from typing import final
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.kernels.kernel import Kernel
+from geoskill.geometry.segments import turned
+from geoskill.geometry.uncertainty import propagated_std
+from geoskill.kernels.kernel import Kernel, reference_line
+from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
 from geoskill.skill.matching import find_feature
 from geoskill.skill.scored_frame import ScoredInstances
@@ -73,6 +76,7 @@ class TemporalFilter:
         self.skill = skill
         self._config = TemporalFilterConfig() if config is None else config
         self._selected: dict[str, _Selected] = {}
+        self._axes: dict[str, Float[Tensor, 2]] = {}
         self._previous_gray: UInt8[np.ndarray, "height width"] | None = None
         self._co_motion = CoMotionDetector(self._config.co_motion)
 
@@ -95,14 +99,14 @@ class TemporalFilter:
         scored_frame = self.skill.observe(frame, features)
         gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._previous_gray is not None and self._previous_gray.shape != gray.shape:
-            self._selected = {}
+            self._selected, self._axes = {}, {}
         listed: dict[str, list[Association]] = {}
         self._co_motion.advance(gray)
         for name, scored in scored_frame.members.items():
             score_std = scored.score_std
             scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
             selected = self._keep(self._selected.pop(name, None), scored, score_std, gray)
-            best = scored.associations(scored.best(self.skill.top_k))
+            best = scored.associations(scored.best(self.skill.top_k), self._axes.get(name))
             if selected is None and best:
                 selected = _Selected(best[0], _appearance(best[0].nodes, gray))
             if selected is not None and best:
@@ -140,31 +144,52 @@ class TemporalFilter:
         nodes = track_nodes(selected.association.nodes, partial(track_sparse, start=self._previous_gray, end=gray))
         if nodes is None:
             return None
-        instance = _find(scored, nodes)
-        if instance is None:
+        found = _find(scored, nodes)
+        geometry = scored.member.attribute(scored.graph, "geometry")
+        now = [
+            torch.tensor(node.coordinates) if found is None else geometry[node.node_type][found[role]]
+            for role, node in enumerate(nodes)
+        ]
+        axis = self._turn(scored.name, scored.member, selected.association.nodes, now)
+        instance = None if found is None else scored.find(found)
+        if found is None or instance is None:
             occluded = any(
                 not matches(before, now)
                 for before, now in zip(selected.appearance, _appearance(nodes, gray), strict=True)
             )
             if occluded or selected.missed == self._config.max_missed_frames:
                 return None
-            association = replace(selected.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
+            association = _moved(scored.member.kernel, selected.association, nodes)
             return replace(selected, association=association, missed=selected.missed + 1)
         difference = float(scored.scores.max() - scored.scores[instance])
         margin = difference / score_std if score_std > 0 else 0.0
         excess = max(0.0, selected.excess + margin - self._config.tolerated_margin)
-        association = scored.associations([instance])[0]
         if excess > self._config.patience:
             return None
+        association = scored.association(instance, found, axis)
         return _Selected(association, _appearance(association.nodes, gray), excess)
+
+    def _turn(
+        self, name: str, member: KernelModel, before: Sequence[Node], now: Sequence[Float[Tensor, " _"]]
+    ) -> Float[Tensor, "2"]:
+        """Turn a member's axis as the selected reference line has turned since the last frame, and return it.
+
+        So a line or a camera that turns slowly, by however much, keeps the sign of the error, and lines that are
+        selected later are directed as they would have been before.
+        """
+        axis, reference = self._axes.get(name, member.reference_axis), reference_line(member.kernel)
+        if reference is not None:
+            axis = turned(axis, torch.tensor(before[reference].coordinates), now[reference])
+        self._axes[name] = axis
+        return axis
 
 
 def _appearance(nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:
     return tuple(patches_at(gray, node.node_type, node.coordinates) for node in nodes)
 
 
-def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
-    """Return the instance that joins the detections nearest to the tracked nodes, or None when not all are detected."""
+def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> list[int] | None:
+    """Return the detections nearest to the tracked nodes, in their order, or None when not all are detected."""
     geometry = scored.member.attribute(scored.graph, "geometry")
     features = []
     for node in nodes:
@@ -172,12 +197,14 @@ def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
         if feature is None:
             return None
         features.append(feature)
-    return scored.find(features)
+    return features
 
 
-def _error(kernel: Kernel, nodes: Sequence[Node]) -> tuple[float, ...]:
-    error = kernel.control_error([torch.tensor([node.coordinates]) for node in nodes])
-    return tuple(error[0].tolist())
+def _moved(kernel: Kernel, association: Association, nodes: tuple[Node, ...]) -> Association:
+    """Return an association whose nodes are where flow tracked them."""
+    geometry = [torch.tensor([node.coordinates]) for node in nodes]
+    error, std = kernel.control_error(geometry), propagated_std(kernel.control_error, geometry)
+    return replace(association, nodes=nodes, error=tuple(error[0].tolist()), error_std=tuple(std[0].tolist()))
 
 
 def _with_first(selected: Association, best: Sequence[Association]) -> list[Association]:
