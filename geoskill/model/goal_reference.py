@@ -41,6 +41,8 @@ class GoalReference(nn.Module):
         self.register_buffer("tolerance", torch.zeros(()))
         for name in self._names[1:]:
             self.register_buffer(name, torch.zeros(0, 0))
+        for node_type in self._node_types:
+            self.register_buffer(f"{node_type}_similar", torch.zeros(()))
 
     @property
     def is_fitted(self) -> bool:
@@ -55,11 +57,16 @@ class GoalReference(nn.Module):
         """Return descriptors and geometry of the features around the resting nodes at the demonstration's end."""
         return getattr(self, f"{node_type}_descriptor"), getattr(self, f"{node_type}_end")
 
+    def similar(self, node_type: NodeType) -> float:
+        """Return by how much two descriptors of one feature may differ."""
+        return float(getattr(self, f"{node_type}_similar"))
+
     def fit(
         self,
         moving: Bool[Tensor, " k"],
         nodes: Sequence[tuple[Float[Tensor, "r _"], Float[Tensor, "r _"]]],
         surroundings: Mapping[NodeType, tuple[Float[Tensor, "t _"], Float[Tensor, "t _"]]],
+        similar: Mapping[NodeType, float],
     ) -> None:
         """Set what is remembered; the tolerance is set afterwards.
 
@@ -67,6 +74,7 @@ class GoalReference(nn.Module):
             moving: which nodes move; some do, others do not.
             nodes: see :meth:`node`.
             surroundings: see :meth:`surroundings`.
+            similar: see :meth:`similar`.
         """
         self.moving = moving.clone()
         for node, (descriptors, ends) in enumerate(nodes):
@@ -75,6 +83,8 @@ class GoalReference(nn.Module):
         for node_type, (descriptors, ends) in surroundings.items():
             setattr(self, f"{node_type}_descriptor", descriptors.clone())
             setattr(self, f"{node_type}_end", ends.clone())
+        for node_type, difference in similar.items():
+            setattr(self, f"{node_type}_similar", torch.tensor(difference))
 
     def set_tolerance(self, tolerance: float) -> None:
         """Set the largest norm of the goal error at the goal."""

@@ -87,6 +87,22 @@ def track_nodes(nodes: Sequence[Node], track: Track) -> tuple[Node, ...] | None:
 
 @final
 @dataclass(frozen=True)
+class Goal:
+    """What is left until an association is as it was at the end of the demonstration.
+
+    Attributes:
+        nodes: geometry of each moving node at the goal, in pixels of this frame; None for a resting node.
+        error: goal error, in the unit of the kernel's error.
+        std: standard deviation of each component, from noise of detection of all nodes.
+    """
+
+    nodes: tuple[tuple[float, ...] | None, ...]
+    error: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True)
 class Association:
     """One selected instance of a kernel.
 
@@ -101,6 +117,8 @@ class Association:
         nodes: the features it joins, the moving one first.
         error: control error of the kernel (see the kernel for sign and dimension), in the frame of the picture: x to
             the right, y down; moving minus resting.
+        goal: what is left until it is as it was at the end of the demonstration; None where that cannot be told
+            (:mod:`geoskill.skill.goal`).
         error_std: standard deviation of each component, from noise of detection
             (:data:`geoskill.geometry.uncertainty.DETECTION_STD_PX`).
         unit: unit of the error, as printed.
@@ -116,6 +134,7 @@ class Association:
     error: tuple[float, ...]
     unit: str = "px"
     error_std: tuple[float, ...] = ()
+    goal: Goal | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the association as written to ``associations.jsonl``, without the frame's number and time."""
@@ -128,6 +147,8 @@ class Association:
             "nodes": [node.as_json() for node in self.nodes],
             "error": _rounded(self.error),
             "error_std": _rounded(self.error_std),
+            "goal_error": None if self.goal is None else _rounded(self.goal.error),
+            "goal_error_std": None if self.goal is None else _rounded(self.goal.std),
         }
 
 
@@ -171,6 +192,25 @@ class InferenceResult:
     def error_std(self) -> Float[np.ndarray, " d"]:
         """Standard deviation of each row of :attr:`error`, from noise of detection; NaN where it is not available."""
         return self._rows(lambda top: top.error_std, lambda status: status.error_is_certain)
+
+    @property
+    def goal_error(self) -> Float[np.ndarray, " d"]:
+        """What is left until the top associations are as they were at the end of the demonstration, in the same rows.
+
+        NaN where that cannot be told (:mod:`geoskill.skill.goal`), or is not sure.
+        """
+        return self._rows(lambda top: top.goal and top.goal.error, lambda status: status.goal_error_is_certain)
+
+    @property
+    def goal_error_available(self) -> Bool[np.ndarray, " d"]:
+        """Which rows of :attr:`goal_error` are available."""
+        available: Bool[np.ndarray, " d"] = np.isfinite(self.goal_error)
+        return available
+
+    @property
+    def goal_error_std(self) -> Float[np.ndarray, " d"]:
+        """Standard deviation of each row of :attr:`goal_error`; NaN where it is not available."""
+        return self._rows(lambda top: top.goal and top.goal.std, lambda status: status.goal_error_is_certain)
 
     @property
     def error_names(self) -> tuple[str, ...]:

@@ -48,7 +48,11 @@ class MemberStatus:
 
     def as_json(self) -> dict[str, Any]:
         """Return what the lines of ``associations.jsonl`` say of the member."""
-        return {"state": str(self.state), "error_available": [self.error_is_certain] * len(self.rows)}
+        return {
+            "state": str(self.state),
+            "error_available": [self.error_is_certain] * len(self.rows),
+            "goal_error_available": [self.goal_error_is_certain] * len(self.rows),
+        }
 
     @classmethod
     def lost(cls, name: str, member: KernelModel) -> "MemberStatus":

@@ -1,7 +1,9 @@
 """Scores of one frame before selection: every instance of every member."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import torch
@@ -15,6 +17,7 @@ from geoskill.kernels.kernel import automorphisms, directed_nodes
 from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, NodeRole
+from geoskill.skill.goal import GoalFinder
 from geoskill.skill.member_status import MemberStatus, State
 
 
@@ -54,6 +57,11 @@ class ScoredInstances:
         """Return a copy with ``by`` subtracted from the scores of ``instances``."""
         scores = self.scores - by * instances
         return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
+
+    @cached_property
+    def goals(self) -> GoalFinder:
+        """Goals of the associations."""
+        return GoalFinder(self.member, self.graph)
 
     def find(self, features: Sequence[int]) -> int | None:
         """Return the instance that joins these features, or None.
@@ -107,17 +115,27 @@ class ScoredInstances:
         )
         errors: Float[Tensor, "p d"] = kernel.control_error(nodes)
         confidence = confidences(self.scores, member.reference_margin)
+        node_lists = [
+            tuple(
+                Node(node_type, tuple(xy), feature, role)
+                for node_type, role, xy, feature in zip(
+                    kernel.roles, node_roles(member), coordinates, features, strict=True
+                )
+            )
+            for coordinates, features in zip(
+                zip(*(geometry.tolist() for geometry in nodes), strict=True), index.T.tolist(), strict=True
+            )
+        ]
         rows = zip(
             # Whole tensors become lists, since reading a tensor number by number is slow.
             confidence[chosen].tolist(),
             self.select_out[chosen].tolist(),
-            zip(*(geometry.tolist() for geometry in nodes), strict=True),
-            index.T.tolist(),
+            node_lists,
             errors.tolist(),
             propagated_std(kernel.control_error, nodes).tolist(),
+            index.T.tolist(),
             strict=True,
         )
-        roles = list(zip(kernel.roles, node_roles(member), strict=True))
         return [
             Association(
                 member=self.name,
@@ -126,15 +144,13 @@ class ScoredInstances:
                 rank=rank,
                 confidence=own_confidence,
                 weight=weight,
-                nodes=tuple(
-                    Node(node_type, tuple(xy), feature, role)
-                    for (node_type, role), xy, feature in zip(roles, coordinates, features, strict=True)
-                ),
+                nodes=own_nodes,
                 error=tuple(error),
                 unit=kernel.unit,
                 error_std=tuple(std),
+                goal=self.goals.goal(features, own_nodes, axis),
             )
-            for rank, (own_confidence, weight, coordinates, features, error, std) in enumerate(rows, start=1)
+            for rank, (own_confidence, weight, own_nodes, error, std, features) in enumerate(rows, start=1)
         ]
 
 
@@ -191,4 +207,14 @@ class ScoredFrame:
         status = MemberStatus.lost(name, self.members[name].member)
         if not listed:
             return status
-        return replace(status, state=State.APPROACHING, error_is_certain=True)
+        return replace(
+            status,
+            state=State.AT_GOAL if is_at_goal(self.members[name].member, listed[0]) else State.APPROACHING,
+            error_is_certain=True,
+            goal_error_is_certain=listed[0].goal is not None,
+        )
+
+
+def is_at_goal(member: KernelModel, association: Association) -> bool:
+    """Return whether an association's goal error is known and within the tolerance of its member."""
+    return association.goal is not None and math.hypot(*association.goal.error) <= float(member.goal.tolerance)

@@ -8,6 +8,7 @@ from torch import Tensor
 from geoskill.data.transitions import Transitions
 from geoskill.model.confidence import score_margins
 from geoskill.model.kernel_model import KernelModel
+from geoskill.training.goal_reference import fit_goal_references
 from geoskill.training.reference_axis import fit_reference_axis
 
 
@@ -23,6 +24,7 @@ def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) ->
     """
     fit_reference_margin(members, demonstration)
     fit_reference_axis(members, demonstration)
+    fit_goal_references(members, demonstration)
 
 
 def is_calibration(key: str) -> bool:

@@ -1,0 +1,232 @@
+"""Where the moving nodes of an association belong in a frame, and the error that is left until there.
+
+In the demonstration's last frames, the moving features lay somewhere on their target. These places go to the present
+frame by the map of the target's features between the two pictures, anchored at the association's own resting node
+(:mod:`geoskill.geometry.anchored_map`)::
+
+    goal error = E(moving, resting) - E(T moving*, resting)
+
+with T the map and moving* the geometry of the moving node at the demonstration's end. E is the kernel's own control
+error, so this holds for every kernel. Whatever cannot be told for sure has no goal error.
+"""
+
+from collections.abc import Sequence
+from typing import Final, final
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float32, Float64
+from torch import Tensor
+
+from geoskill.geometry.anchored_map import Matches, anchored_map, mapped
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.uncertainty import propagated_std
+from geoskill.graphs.motif_graph import MotifGraph
+from geoskill.kernels.kernel import Kernel, directed_nodes
+from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.association import Goal, Node
+from geoskill.skill.matching import TOLERANCE_PX, is_same_feature
+
+SURE_SHARE: Final = 0.5
+"""A feature is recognized by itself when its descriptor differs by less than this share of what similar ones may."""
+LOOK_ALIKE_SHARE: Final = 0.3
+"""Features whose differences differ by less than this share of what similar ones may cannot be told apart."""
+MAX_STRETCH: Final = 1.5
+"""A goal that is farther from the resting node than nearly all stored ones, by this factor, is none."""
+MAX_CANDIDATES: Final = 3
+"""Possible matches of one feature that are tried."""
+MIN_AGREEMENT: Final = 0.7
+"""Share of the stored features that look the same, which have to end at one place."""
+
+
+@final
+class GoalFinder:
+    """Goals of the associations of one member in one frame.
+
+    Args:
+        member: with its goal reference.
+        graph: of the frame.
+    """
+
+    def __init__(self, member: KernelModel, graph: MotifGraph) -> None:
+        self._member, self._reference = member, member.goal
+        self._maps: dict[int, Float64[np.ndarray, "3 3"] | None] = {}
+        self._descriptors = {kind: _array(rows) for kind, rows in member.attribute(graph, "descriptor").items()}
+        self._geometry = {kind: _array(rows) for kind, rows in member.attribute(graph, "geometry").items()}
+        self._matches: dict[NodeType, Matches] = {}
+
+    def goal(self, features: Sequence[int], nodes: Sequence[Node], axis: Float[Tensor, "2"]) -> Goal | None:
+        """Return the goal of an association, or None where it cannot be told.
+
+        Args:
+            features: of the nodes, in this frame.
+            nodes: the association's nodes, the moving one first, directed.
+            axis: by which they were directed.
+        """
+        if not self._reference.is_fitted or len(self._reference.moving) != len(features):
+            return None
+        moving = self._reference.moving.tolist()
+        resting = moving.index(False)
+        if features[resting] not in self._maps:
+            self._maps[features[resting]] = self._map(resting, features[resting])
+        matrix = self._maps[features[resting]]
+        if matrix is None:
+            return None
+        places: list[tuple[float, ...] | None] = [None] * len(nodes)
+        for node in range(len(nodes)):
+            if moving[node]:
+                end = self._end(node, features)
+                if end is None:
+                    return None
+                place = mapped(matrix, end[None])
+                if not self._is_near(node, place, nodes[resting]):
+                    return None
+                places[node] = tuple(place[0].tolist())
+        return goal_of(self._member.kernel, nodes, places, axis)
+
+    def _is_near(self, node: int, place: Float64[np.ndarray, "1 g"], resting: Node) -> bool:
+        """Return whether a goal is about as far from the resting node as it was in the demonstration."""
+        moving = self._reference.moving.tolist()
+        ends = [centers(_array(self._reference.node(own)[1])) for own in (node, moving.index(False))]
+        usual = float(np.quantile(np.linalg.norm(ends[0] - ends[1], axis=1), 0.95))
+        distance = float(np.linalg.norm(centers(place)[0] - resting.center))
+        return distance <= MAX_STRETCH * usual + TOLERANCE_PX
+
+    def _map(self, node: int, feature: int) -> Float64[np.ndarray, "3 3"] | None:
+        """Return the map from the demonstration's end to this frame, anchored at a resting node."""
+        kind = self._member.kernel.roles[node]
+        anchor = self._possible(kind, np.array([feature]))
+        if len(anchor) == 0:
+            return None
+        around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
+        if around not in self._matches:
+            self._matches[around] = self._possible(around, np.arange(len(self._geometry[around])))
+        others = self._matches[around]
+        if kind is around:
+            keep = others.feature != feature
+            others = Matches(around, others.source[keep], others.target[keep], others.feature[keep])
+        if kind is not around:  # every pair of points is tried, so the nearest have to do
+            distance = np.linalg.norm(centers(others.source) - centers(anchor.source[:1]), axis=1)
+            near = np.argsort(distance, kind="stable")[:40]
+            others = Matches(around, others.source[near], others.target[near], others.feature[near])
+        found = anchored_map(anchor, others, TOLERANCE_PX)
+        return found if found is not None else self._shift(kind, feature, anchor)
+
+    def _shift(self, kind: NodeType, feature: int, anchor: Matches) -> Float64[np.ndarray, "3 3"] | None:
+        """Return the shift of the anchor alone, where it is a point that looks like one stored feature only."""
+        if kind is not NodeType.POINT:
+            return None
+        stored, ends = (_array(rows) for rows in self._reference.surroundings(kind))
+        difference = np.linalg.norm(stored - self._descriptors[kind][feature], axis=1)
+        best = int(difference.argmin())
+        elsewhere = np.linalg.norm(ends - ends[best], axis=1) > TOLERANCE_PX
+        rival = float(difference[elsewhere].min(initial=np.inf))
+        similar = self._reference.similar(kind)
+        if difference[best] > SURE_SHARE * similar or rival < similar:
+            return None
+        shift = np.eye(3)
+        shift[:2, 2] = anchor.target[0] - ends[best]
+        return shift
+
+    def _possible(self, kind: NodeType, features: np.ndarray) -> Matches:
+        """Return the stored features around the target that present ones may be, the most similar ones of each."""
+        stored, ends = (_array(rows) for rows in self._reference.surroundings(kind))
+        if len(stored) == 0:
+            width = kind.geometry_dim
+            return Matches(kind, np.zeros((0, width)), np.zeros((0, width)), np.zeros(0, np.int64))
+        difference = descriptor_differences(self._descriptors[kind][features], stored)
+        best = np.argsort(difference, axis=1, kind="stable")[:, :MAX_CANDIDATES]
+        row, column = np.nonzero(np.take_along_axis(difference, best, axis=1) <= self._reference.similar(kind))
+        source, target = ends[best[row, column]], self._geometry[kind][features[row]]
+        return Matches(kind, source.astype(np.float64), target.astype(np.float64), features[row])
+
+    def _end(self, node: int, features: Sequence[int]) -> Float64[np.ndarray, " g"] | None:
+        """Return where a moving node lay at the end of the demonstration; None where look-alikes lay elsewhere."""
+        kind = self._member.kernel.roles[node]
+        differences = [self._differences(own, feature) for own, feature in enumerate(features)]
+        own, similar = differences[node], self._reference.similar(kind)
+        candidates = own <= min(similar, float(own.min()) + LOOK_ALIKE_SHARE * similar)
+        end = self._agreed(kind, node, candidates, own)
+        if end is None:  # the partner tells look-alikes apart
+            for other, other_kind in enumerate(self._member.kernel.roles):
+                if other != node:
+                    candidates = candidates & (differences[other] <= self._reference.similar(other_kind))
+            end = self._agreed(kind, node, candidates, own)
+        return end
+
+    def _differences(self, node: int, feature: int) -> Float32[np.ndarray, " r"]:
+        stored, _ = self._reference.node(node)
+        own = self._descriptors[self._member.kernel.roles[node]][[feature]]
+        return descriptor_differences(own, _array(stored))[0]
+
+    def _agreed(
+        self, kind: NodeType, node: int, candidates: Bool[np.ndarray, " r"], difference: Float32[np.ndarray, " r"]
+    ) -> Float64[np.ndarray, " g"] | None:
+        if not candidates.any():
+            return None
+        _, stored_ends = self._reference.node(node)
+        ends = _array(stored_ends)[candidates].astype(np.float64)
+        if kind is NodeType.POINT:
+            center = np.median(ends, axis=0)
+            near = np.linalg.norm(ends - center, axis=1) <= TOLERANCE_PX
+            return ends[near].mean(axis=0) if near.mean() >= MIN_AGREEMENT else None
+        best = ends[int(difference[candidates].argmin())]
+        node_of = [Node(kind, tuple(row)) for row in ends.tolist()]
+        same = [is_same_feature(other, Node(kind, tuple(best.tolist()))) for other in node_of]
+        return best if np.mean(same) >= MIN_AGREEMENT else None
+
+
+def descriptor_differences(
+    first: Float32[np.ndarray, "n d"], second: Float32[np.ndarray, "m d"]
+) -> Float32[np.ndarray, "n m"]:
+    """Return the distances between descriptors of unit norm, from 0 to 2."""
+    return np.sqrt(np.maximum(0.0, 2.0 - 2.0 * first @ second.T)).astype(np.float32)
+
+
+def goal_of(
+    kernel: Kernel, nodes: Sequence[Node], places: Sequence[tuple[float, ...] | None], axis: Float[Tensor, "2"]
+) -> Goal:
+    """Return what is left until the moving nodes are where they belong.
+
+    Args:
+        kernel: gives the error.
+        nodes: of the association, directed.
+        places: of each moving node at the goal, in pixels of this frame; None for resting ones.
+        axis: by which segments are directed.
+    """
+    geometry = [torch.tensor([node.coordinates]) for node in nodes]
+    at_goal = [
+        rows if place is None else _as_long(node.node_type, torch.tensor([place]), rows)
+        for node, place, rows in zip(nodes, places, geometry, strict=True)
+    ]
+    at_goal = directed_nodes(kernel, at_goal, axis.to(geometry[0])[None])
+    moving = [index for index, place in enumerate(places) if place is not None]
+
+    def difference(given: Sequence[Tensor]) -> Tensor:
+        present, goals = list(given[: len(nodes)]), list(given[: len(nodes)])
+        for index, rows in zip(moving, given[len(nodes) :], strict=True):
+            goals[index] = rows
+        return kernel.control_error(present) - kernel.control_error(goals)
+
+    given = [*geometry, *(at_goal[index] for index in moving)]
+    error, std = difference(given)[0], propagated_std(difference, given)[0]
+    return Goal(tuple(places), tuple(error.tolist()), tuple(std.tolist()))
+
+
+def _as_long(node_type: NodeType, place: Float[Tensor, "1 g"], present: Float[Tensor, "1 g"]) -> Float[Tensor, "1 g"]:
+    """Return a segment at its place, but as long as it is detected now, at the nearest position along its line.
+
+    Detectors end a segment elsewhere in every frame, which says nothing about the way that is left.
+    """
+    if node_type is NodeType.POINT:
+        return place
+    start, along = place[:, :2], place[:, 2:] - place[:, :2]
+    length = along.norm().clamp_min(1e-6)
+    middle, half = (present[:, :2] + present[:, 2:]) / 2, (present[:, 2:] - present[:, :2]).norm() / 2
+    share = (((middle - start) * along).sum() / length**2).clamp(0.0, 1.0)
+    center, arm = start + share * along, along / length * half
+    return torch.cat([center - arm, center + arm], dim=1)
+
+
+def _array(rows: Tensor) -> np.ndarray:
+    return np.asarray(rows.numpy(force=True))
