@@ -16,7 +16,7 @@ from geoskill.geometry.primitives import NodeType, centers
 from geoskill.geometry.segments import distance_to_segment
 
 MIN_SUPPORT: Final = 3
-"""Features beside the anchor that have to agree: the map of a similarity is fixed by one, and two may agree by chance."""
+"""Features beside the anchor that have to agree: one fixes a similarity, and two may agree by chance."""
 TURNED_COST: Final = 2
 """Further features that have to agree where the thing turned or changed its size by more than :data:`SMALL_TURN`."""
 SMALL_TURN: Final = 0.15
@@ -114,7 +114,7 @@ def residuals(maps: Float64[np.ndarray, "h 3 3"], matches: Matches) -> Float64[n
 
 def _plausible(slope: Complex128[np.ndarray, " h"]) -> Bool[np.ndarray, " h"]:
     size = np.abs(slope)
-    return np.isfinite(size) & (size <= MAX_SCALE) & (size >= 1 / MAX_SCALE)
+    return np.asarray(np.isfinite(size) & (size <= MAX_SCALE) & (size >= 1 / MAX_SCALE))
 
 
 def _similarities(
@@ -176,15 +176,15 @@ def _refined(
 ) -> Float64[np.ndarray, "3 3"]:
     """Return the map fitted to all that agrees with it, where the anchor still does."""
 
-    def held(candidate: np.ndarray | None) -> bool:
-        return candidate is not None and bool(residuals(candidate[None], anchor).min() <= tolerance_px)
+    def holds(candidate: np.ndarray) -> bool:
+        return bool(residuals(candidate[None], anchor).min() <= tolerance_px)
 
     best_anchor = residuals(matrix[None], anchor)[0].argmin()
     pairs = [(anchor, np.arange(len(anchor)) == best_anchor)]
     for _ in range(2):
         inliers = residuals(matrix[None], others)[0] <= tolerance_px
         candidate = _least_squares([*pairs, (others, inliers)], affine=False)
-        if not held(candidate):
+        if candidate is None or not holds(candidate):
             break
         matrix = candidate
     inliers = residuals(matrix[None], others)[0] <= tolerance_px
@@ -195,12 +195,12 @@ def _refined(
 
     if support >= MIN_AFFINE_SUPPORT:
         candidate = _least_squares([*pairs, (others, inliers)], affine=True)
-        if held(candidate) and spread(candidate) < GAIN * spread(matrix):
+        if candidate is not None and holds(candidate) and spread(candidate) < GAIN * spread(matrix):
             matrix = candidate
     if support >= MIN_HOMOGRAPHY_SUPPORT and others.node_type is NodeType.POINT:
-        candidate, _ = cv2.findHomography(others.source[inliers], others.target[inliers], 0)
-        if held(candidate) and spread(candidate) < GAIN * spread(matrix):
-            matrix = candidate
+        bent, _ = cv2.findHomography(others.source[inliers], others.target[inliers], 0)
+        if bent is not None and holds(bent) and spread(bent) < GAIN * spread(matrix):
+            matrix = bent
     return matrix
 
 

@@ -1,5 +1,6 @@
 """Result of inference on one frame: the selected associations and their control errors."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -94,11 +95,13 @@ class Goal:
         nodes: geometry of each moving node at the goal, in pixels of this frame; None for a resting node.
         error: goal error, in the unit of the kernel's error.
         std: standard deviation of each component, from noise of detection of all nodes.
+        tolerance: norm of the goal error up to which an association is at its goal, as learned from the demonstration.
     """
 
     nodes: tuple[tuple[float, ...] | None, ...]
     error: tuple[float, ...]
     std: tuple[float, ...]
+    tolerance: float = 0.0
 
 
 @final
@@ -135,6 +138,11 @@ class Association:
     unit: str = "px"
     error_std: tuple[float, ...] = ()
     goal: Goal | None = None
+
+    @property
+    def is_at_goal(self) -> bool:
+        """Whether its goal error is known and within the tolerance."""
+        return self.goal is not None and math.hypot(*self.goal.error) <= self.goal.tolerance
 
     def as_json(self) -> dict[str, Any]:
         """Return the association as written to ``associations.jsonl``, without the frame's number and time."""

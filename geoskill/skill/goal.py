@@ -22,7 +22,7 @@ from geoskill.geometry.anchored_map import Matches, anchored_map, mapped
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.geometry.uncertainty import propagated_std
 from geoskill.graphs.motif_graph import MotifGraph
-from geoskill.kernels.kernel import Kernel, directed_nodes
+from geoskill.kernels.kernel import directed_nodes
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Goal, Node
 from geoskill.skill.matching import TOLERANCE_PX, is_same_feature
@@ -82,7 +82,7 @@ class GoalFinder:
                 if not self._is_near(node, place, nodes[resting]):
                     return None
                 places[node] = tuple(place[0].tolist())
-        return goal_of(self._member.kernel, nodes, places, axis)
+        return goal_of(self._member, nodes, places, axis)
 
     def _is_near(self, node: int, place: Float64[np.ndarray, "1 g"], resting: Node) -> bool:
         """Return whether a goal is about as far from the resting node as it was in the demonstration."""
@@ -157,7 +157,8 @@ class GoalFinder:
     def _differences(self, node: int, feature: int) -> Float32[np.ndarray, " r"]:
         stored, _ = self._reference.node(node)
         own = self._descriptors[self._member.kernel.roles[node]][[feature]]
-        return descriptor_differences(own, _array(stored))[0]
+        differences: np.ndarray = descriptor_differences(own, _array(stored))[0]
+        return differences
 
     def _agreed(
         self, kind: NodeType, node: int, candidates: Bool[np.ndarray, " r"], difference: Float32[np.ndarray, " r"]
@@ -169,8 +170,8 @@ class GoalFinder:
         if kind is NodeType.POINT:
             center = np.median(ends, axis=0)
             near = np.linalg.norm(ends - center, axis=1) <= TOLERANCE_PX
-            return ends[near].mean(axis=0) if near.mean() >= MIN_AGREEMENT else None
-        best = ends[int(difference[candidates].argmin())]
+            return np.asarray(ends[near].mean(axis=0)) if near.mean() >= MIN_AGREEMENT else None
+        best: np.ndarray = ends[int(difference[candidates].argmin())]
         node_of = [Node(kind, tuple(row)) for row in ends.tolist()]
         same = [is_same_feature(other, Node(kind, tuple(best.tolist()))) for other in node_of]
         return best if np.mean(same) >= MIN_AGREEMENT else None
@@ -184,17 +185,17 @@ def descriptor_differences(
 
 
 def goal_of(
-    kernel: Kernel, nodes: Sequence[Node], places: Sequence[tuple[float, ...] | None], axis: Float[Tensor, "2"]
+    member: KernelModel, nodes: Sequence[Node], places: Sequence[tuple[float, ...] | None], axis: Float[Tensor, "2"]
 ) -> Goal:
     """Return what is left until the moving nodes are where they belong.
 
     Args:
-        kernel: gives the error.
+        member: gives the error and the tolerance.
         nodes: of the association, directed.
         places: of each moving node at the goal, in pixels of this frame; None for resting ones.
         axis: by which segments are directed.
     """
-    geometry = [torch.tensor([node.coordinates]) for node in nodes]
+    kernel, geometry = member.kernel, [torch.tensor([node.coordinates]) for node in nodes]
     at_goal = [
         rows if place is None else _as_long(node.node_type, torch.tensor([place]), rows)
         for node, place, rows in zip(nodes, places, geometry, strict=True)
@@ -210,7 +211,7 @@ def goal_of(
 
     given = [*geometry, *(at_goal[index] for index in moving)]
     error, std = difference(given)[0], propagated_std(difference, given)[0]
-    return Goal(tuple(places), tuple(error.tolist()), tuple(std.tolist()))
+    return Goal(tuple(places), tuple(error.tolist()), tuple(std.tolist()), float(member.goal.tolerance))
 
 
 def _as_long(node_type: NodeType, place: Float[Tensor, "1 g"], present: Float[Tensor, "1 g"]) -> Float[Tensor, "1 g"]:

@@ -38,6 +38,9 @@ class MemberStatus:
         error_is_certain: whether a controller may use the error.
         goal_error_is_certain: the same of the goal error. Where the association changes, the goal error may go on as it
             was while the error does not.
+        agreement: share of its listed associations that agree on one way to the goal, in [0, 1]; None where fewer than
+            two have a goal error.
+        offset_px: how far the moving thing is from its goal, as most of them agree (:mod:`geoskill.skill.consensus`).
     """
 
     rows: tuple[str, ...]
@@ -45,6 +48,8 @@ class MemberStatus:
     state: State = State.LOST
     error_is_certain: bool = False
     goal_error_is_certain: bool = False
+    agreement: float | None = None
+    offset_px: tuple[float, float] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return what the lines of ``associations.jsonl`` say of the member."""
@@ -52,6 +57,8 @@ class MemberStatus:
             "state": str(self.state),
             "error_available": [self.error_is_certain] * len(self.rows),
             "goal_error_available": [self.goal_error_is_certain] * len(self.rows),
+            "agreement": None if self.agreement is None else round(self.agreement, 4),
+            "offset_px": None if self.offset_px is None else [round(value, 4) for value in self.offset_px],
         }
 
     @classmethod

@@ -1,6 +1,5 @@
 """Scores of one frame before selection: every instance of every member."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +16,7 @@ from geoskill.kernels.kernel import automorphisms, directed_nodes
 from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, NodeRole
+from geoskill.skill.consensus import consensus
 from geoskill.skill.goal import GoalFinder
 from geoskill.skill.member_status import MemberStatus, State
 
@@ -204,17 +204,15 @@ class ScoredFrame:
             name: of the member.
             listed: its associations by rank.
         """
-        status = MemberStatus.lost(name, self.members[name].member)
+        member = self.members[name].member
         if not listed:
-            return status
+            return MemberStatus.lost(name, member)
+        agreed = consensus(member.kernel, listed)
         return replace(
-            status,
-            state=State.AT_GOAL if is_at_goal(self.members[name].member, listed[0]) else State.APPROACHING,
+            MemberStatus.lost(name, member),
+            state=State.AT_GOAL if listed[0].is_at_goal else State.APPROACHING,
             error_is_certain=True,
             goal_error_is_certain=listed[0].goal is not None,
+            agreement=None if agreed is None else agreed.share,
+            offset_px=None if agreed is None else agreed.offset_px,
         )
-
-
-def is_at_goal(member: KernelModel, association: Association) -> bool:
-    """Return whether an association's goal error is known and within the tolerance of its member."""
-    return association.goal is not None and math.hypot(*association.goal.error) <= float(member.goal.tolerance)

@@ -137,7 +137,8 @@ def _at_end(kind: NodeType, graph: MotifGraph) -> Float[Tensor, "n g"]:
     The picture has moved as most of the features that were followed to the end, and not at all where nearly as many
     stayed where they are.
     """
-    geometry, known = graph[f"{kind}_geometry"], graph[f"{kind}_final_known"]
+    geometry: Tensor = graph[f"{kind}_geometry"]
+    known = graph[f"{kind}_final_known"]
     now, after = (_middle(own[known]).numpy().astype(np.float64) for own in (geometry, graph[f"{kind}_final_xy"]))
     if len(now) < 2:
         return geometry
