@@ -26,6 +26,8 @@ MAX_SCALE: Final = 2.0
 """Largest change of size; descriptors do not agree beyond it."""
 GAIN: Final = 0.8
 """A map with more freedom has to fit with a residual of no more than this share."""
+MAX_CROSSING: Final = 30
+"""Lines whose crossings with the anchor are tried, the nearest ones."""
 SCALES: Final = (0.8, 1.0, 1.25)
 """Changes of size that are tried where only lines are known."""
 
@@ -73,7 +75,10 @@ def anchored_map(anchor: Matches, others: Matches, tolerance_px: float) -> Float
     maps[:, 1, 0], maps[:, 0, 1] = slope.imag, -slope.imag
     maps[:, 0, 2], maps[:, 1, 2], maps[:, 2, 2] = shift.real, shift.imag, 1.0
     held = residuals(maps, anchor).min(axis=1, initial=np.inf) <= tolerance_px
-    support = np.where(held, _support(residuals(maps, others) <= tolerance_px, others), 0)
+    if not held.any():
+        return None
+    maps, slope = maps[held], slope[held]
+    support = _support(residuals(maps, others) <= tolerance_px, others)
     support -= TURNED_COST * (np.abs(slope - 1) > SMALL_TURN)
     best = int(support.argmax())
     if support[best] < MIN_SUPPORT:
@@ -142,8 +147,10 @@ def _similarities_of_lines(
     turn = (target[..., 1] - target[..., 0]) / (source[..., 1] - source[..., 0])
     # A line has no direction; it is taken to have turned by less than a right angle.
     turn = np.where(turn.real < 0, -turn, turn) / np.abs(turn)
-    before = _crossings(source, _complex(others.source)[None])
-    after = _crossings(target, _complex(others.target)[None])
+    distance = np.abs(_complex(others.source).mean(axis=1) - source.mean())
+    near = np.argsort(distance, kind="stable")[:MAX_CROSSING]
+    before = _crossings(source, _complex(others.source[near])[None])
+    after = _crossings(target, _complex(others.target[near])[None])
     slope = turn[None] * np.array(SCALES)[:, None, None] * np.ones_like(before)[None]
     return slope.ravel(), (after[None] - slope * before[None]).ravel()
 

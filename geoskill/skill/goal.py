@@ -18,8 +18,9 @@ import torch
 from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
-from geoskill.geometry.anchored_map import Matches, anchored_map, mapped
+from geoskill.geometry.anchored_map import Matches, anchored_map, mapped, residuals
 from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.segments import DEGENERATE_LENGTH_PX, length, midpoint
 from geoskill.geometry.uncertainty import propagated_std
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.kernels.kernel import directed_nodes
@@ -38,6 +39,9 @@ MAX_CANDIDATES: Final = 3
 MIN_AGREEMENT: Final = 0.7
 """Share of the stored features that look the same, which have to end at one place."""
 
+Places = tuple[tuple[float, ...] | None, ...]
+"""Geometry of each moving node at the goal, in pixels of a frame; None for resting nodes."""
+
 
 @final
 class GoalFinder:
@@ -55,14 +59,28 @@ class GoalFinder:
         self._geometry = {kind: _array(rows) for kind, rows in member.attribute(graph, "geometry").items()}
         self._matches: dict[NodeType, Matches] = {}
 
-    def goal(self, features: Sequence[int], nodes: Sequence[Node], axis: Float[Tensor, "2"]) -> Goal | None:
-        """Return the goal of an association, or None where it cannot be told.
+    def goals(
+        self, features: Sequence[Sequence[int]], nodes: Sequence[Sequence[Node]], axis: Float[Tensor, "2"]
+    ) -> list[Goal | None]:
+        """Return the goals of associations, None where one cannot be told.
 
         Args:
-            features: of the nodes, in this frame.
-            nodes: the association's nodes, the moving one first, directed.
+            features: of the nodes of each association, in this frame.
+            nodes: of each association, the moving one first, directed.
             axis: by which they were directed.
         """
+        places = [
+            self._places(own_features, own_nodes) for own_features, own_nodes in zip(features, nodes, strict=True)
+        ]
+        known = [row for row, own in enumerate(places) if own is not None]
+        found = goals_of(self._member, [nodes[row] for row in known], [places[row] or () for row in known], axis)
+        goals: list[Goal | None] = [None] * len(nodes)
+        for row, goal in zip(known, found, strict=True):
+            goals[row] = goal
+        return goals
+
+    def _places(self, features: Sequence[int], nodes: Sequence[Node]) -> Places | None:
+        """Return where the moving nodes of an association belong, or None where that cannot be told."""
         if not self._reference.is_fitted or len(self._reference.moving) != len(features):
             return None
         moving = self._reference.moving.tolist()
@@ -82,7 +100,7 @@ class GoalFinder:
                 if not self._is_near(node, place, nodes[resting]):
                     return None
                 places[node] = tuple(place[0].tolist())
-        return goal_of(self._member, nodes, places, axis)
+        return tuple(places)
 
     def _is_near(self, node: int, place: Float64[np.ndarray, "1 g"], resting: Node) -> bool:
         """Return whether a goal is about as far from the resting node as it was in the demonstration."""
@@ -98,6 +116,9 @@ class GoalFinder:
         anchor = self._possible(kind, np.array([feature]))
         if len(anchor) == 0:
             return None
+        for known in self._maps.values():  # nodes of one thing have one map
+            if known is not None and residuals(known[None], anchor).min() <= TOLERANCE_PX:
+                return known
         around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
         if around not in self._matches:
             self._matches[around] = self._possible(around, np.arange(len(self._geometry[around])))
@@ -181,53 +202,58 @@ def descriptor_differences(
     first: Float32[np.ndarray, "n d"], second: Float32[np.ndarray, "m d"]
 ) -> Float32[np.ndarray, "n m"]:
     """Return the distances between descriptors of unit norm, from 0 to 2."""
-    return np.sqrt(np.maximum(0.0, 2.0 - 2.0 * first @ second.T)).astype(np.float32)
+    return np.asarray(np.sqrt(np.maximum(0.0, 2.0 - 2.0 * first @ second.T)), np.float32)
 
 
-def goal_of(
-    member: KernelModel, nodes: Sequence[Node], places: Sequence[tuple[float, ...] | None], axis: Float[Tensor, "2"]
-) -> Goal:
-    """Return what is left until the moving nodes are where they belong.
+def goals_of(
+    member: KernelModel, nodes: Sequence[Sequence[Node]], places: Sequence[Places], axis: Float[Tensor, "2"]
+) -> list[Goal]:
+    """Return what is left until the moving nodes of associations are where they belong.
 
     Args:
         member: gives the error and the tolerance.
-        nodes: of the association, directed.
-        places: of each moving node at the goal, in pixels of this frame; None for resting ones.
+        nodes: of each association, directed.
+        places: of the moving nodes of each at the goal; the same nodes move in all of them.
         axis: by which segments are directed.
     """
-    kernel, geometry = member.kernel, [torch.tensor([node.coordinates]) for node in nodes]
-    at_goal = [
-        rows if place is None else _as_long(node.node_type, torch.tensor([place]), rows)
-        for node, place, rows in zip(nodes, places, geometry, strict=True)
-    ]
-    at_goal = directed_nodes(kernel, at_goal, axis.to(geometry[0])[None])
-    moving = [index for index, place in enumerate(places) if place is not None]
+    if not nodes:
+        return []
+    kernel, moving = member.kernel, [node for node, place in enumerate(places[0]) if place is not None]
+    present = [torch.tensor([own[node].coordinates for own in nodes]) for node in range(len(kernel.roles))]
+    at_goal = list(present)
+    for node in moving:
+        at_goal[node] = _as_long(kernel.roles[node], torch.tensor([own[node] for own in places]), present[node])
+    at_goal = directed_nodes(kernel, at_goal, axis.to(present[0])[None])
 
     def difference(given: Sequence[Tensor]) -> Tensor:
-        present, goals = list(given[: len(nodes)]), list(given[: len(nodes)])
-        for index, rows in zip(moving, given[len(nodes) :], strict=True):
-            goals[index] = rows
-        return kernel.control_error(present) - kernel.control_error(goals)
+        now, goals = list(given[: len(present)]), list(given[: len(present)])
+        for node, rows in zip(moving, given[len(present) :], strict=True):
+            goals[node] = rows
+        return kernel.control_error(now) - kernel.control_error(goals)
 
-    given = [*geometry, *(at_goal[index] for index in moving)]
-    error, std = difference(given)[0], propagated_std(difference, given)[0]
-    return Goal(tuple(places), tuple(error.tolist()), tuple(std.tolist()), float(member.goal.tolerance))
+    given = [*present, *(at_goal[node] for node in moving)]
+    errors, stds = difference(given).tolist(), propagated_std(difference, given).tolist()
+    tolerance = float(member.goal.tolerance)
+    return [
+        Goal(tuple(own), tuple(error), tuple(std), tolerance)
+        for own, error, std in zip(places, errors, stds, strict=True)
+    ]
 
 
-def _as_long(node_type: NodeType, place: Float[Tensor, "1 g"], present: Float[Tensor, "1 g"]) -> Float[Tensor, "1 g"]:
-    """Return a segment at its place, but as long as it is detected now, at the nearest position along its line.
+def _as_long(node_type: NodeType, place: Float[Tensor, "m g"], present: Float[Tensor, "m g"]) -> Float[Tensor, "m g"]:
+    """Return segments at their places, but as long as they are detected now, at the nearest position along their lines.
 
     Detectors end a segment elsewhere in every frame, which says nothing about the way that is left.
     """
     if node_type is NodeType.POINT:
         return place
     start, along = place[:, :2], place[:, 2:] - place[:, :2]
-    length = along.norm().clamp_min(1e-6)
-    middle, half = (present[:, :2] + present[:, 2:]) / 2, (present[:, 2:] - present[:, :2]).norm() / 2
-    share = (((middle - start) * along).sum() / length**2).clamp(0.0, 1.0)
-    center, arm = start + share * along, along / length * half
+    size = length(place)[:, None].clamp_min(DEGENERATE_LENGTH_PX)
+    share = (((midpoint(present) - start) * along).sum(dim=1, keepdim=True) / size**2).clamp(0.0, 1.0)
+    center, arm = start + share * along, along / size * length(present)[:, None] / 2
     return torch.cat([center - arm, center + arm], dim=1)
 
 
 def _array(rows: Tensor) -> np.ndarray:
-    return np.asarray(rows.numpy(force=True))
+    array: np.ndarray = rows.numpy(force=True)
+    return array

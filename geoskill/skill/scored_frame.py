@@ -133,7 +133,7 @@ class ScoredInstances:
             node_lists,
             errors.tolist(),
             propagated_std(kernel.control_error, nodes).tolist(),
-            index.T.tolist(),
+            self.goals.goals(index.T.tolist(), node_lists, axis),
             strict=True,
         )
         return [
@@ -148,9 +148,9 @@ class ScoredInstances:
                 error=tuple(error),
                 unit=kernel.unit,
                 error_std=tuple(std),
-                goal=self.goals.goal(features, own_nodes, axis),
+                goal=goal,
             )
-            for rank, (own_confidence, weight, own_nodes, error, std, features) in enumerate(rows, start=1)
+            for rank, (own_confidence, weight, own_nodes, error, std, goal) in enumerate(rows, start=1)
         ]
 
 

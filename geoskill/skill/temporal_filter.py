@@ -36,7 +36,7 @@ from geoskill.geometry.uncertainty import propagated_std
 from geoskill.kernels.kernel import reference_line
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
-from geoskill.skill.goal import goal_of
+from geoskill.skill.goal import goals_of
 from geoskill.skill.matching import find_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
@@ -230,7 +230,7 @@ def _moved(
         resting = goal.nodes.index(None)
         shift = np.subtract(nodes[resting].center, association.nodes[resting].center)
         places = [place and tuple(np.reshape(np.reshape(place, (-1, 2)) + shift, -1).tolist()) for place in goal.nodes]
-        goal = goal_of(member, nodes, places, axis)
+        (goal,) = goals_of(member, [nodes], [tuple(places)], axis)
     return replace(
         association, nodes=nodes, error=tuple(error[0].tolist()), error_std=tuple(std[0].tolist()), goal=goal
     )
