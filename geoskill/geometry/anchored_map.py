@@ -28,7 +28,7 @@ GAIN: Final = 0.8
 """A map with more freedom has to fit with a residual of no more than this share."""
 MAX_CROSSING: Final = 30
 """Lines whose crossings with the anchor are tried, the nearest ones."""
-SCALES: Final = (0.8, 1.0, 1.25)
+SCALES: Final = (0.8, 0.87, 0.93, 1.0, 1.07, 1.15, 1.25)
 """Changes of size that are tried where only lines are known."""
 
 
@@ -147,6 +147,8 @@ def _similarities_of_lines(
     turn = (target[..., 1] - target[..., 0]) / (source[..., 1] - source[..., 0])
     # A line has no direction; it is taken to have turned by less than a right angle.
     turn = np.where(turn.real < 0, -turn, turn) / np.abs(turn)
+    if len(source) == 0:
+        return np.zeros(0, np.complex128), np.zeros(0, np.complex128)
     distance = np.abs(_complex(others.source).mean(axis=1) - source.mean())
     near = np.argsort(distance, kind="stable")[:MAX_CROSSING]
     before = _crossings(source, _complex(others.source[near])[None])
@@ -212,7 +214,7 @@ def _refined(
 
 
 def _least_squares(
-    chosen: list[tuple[Matches, Bool[np.ndarray, " c"]]], affine: bool
+    chosen: list[tuple[Matches, Bool[np.ndarray, " _"]]], affine: bool
 ) -> Float64[np.ndarray, "3 3"] | None:
     """Return the similarity or affine map with the smallest squared residuals; None where it is not determined."""
     rows, values = [], []
@@ -240,5 +242,5 @@ def _least_squares(
 
 
 def _complex(geometry: Float64[np.ndarray, "n g"]) -> Complex128[np.ndarray, "n e"]:
-    ends = geometry.reshape(len(geometry), -1, 2)
+    ends = geometry.reshape(len(geometry), geometry.shape[1] // 2, 2)
     return np.asarray(ends[..., 0] + 1j * ends[..., 1], np.complex128)

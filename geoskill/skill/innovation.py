@@ -57,18 +57,11 @@ class InnovationGate:
             return True
         return bool((np.abs(innovation) <= self._config.max_sigma * np.hypot(predicted_std, std)).all())
 
-    def step(self, frames: int) -> None:
-        """Take in a step that nothing explains.
+    def take_in(self, goes_on: bool, frames: int) -> None:
+        """Count a frame.
 
         Args:
-            frames: in which the vector is not certain, this one among them.
+            goes_on: whether motion and noise explain the value of this frame.
+            frames: for which the value is not certain after a step that nothing explains, this frame among them.
         """
-        self._frames_left = max(frames, self._frames_left)
-
-    def confirm(self, most_frames: int) -> None:
-        """Take in a frame in which the vector goes on.
-
-        Args:
-            most_frames: for which it may stay uncertain yet.
-        """
-        self._frames_left = max(0, min(self._frames_left, most_frames) - 1)
+        self._frames_left = max(0, min(self._frames_left, frames) - 1) if goes_on else max(frames, self._frames_left)

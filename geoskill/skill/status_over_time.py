@@ -80,19 +80,14 @@ class StatusOverTime:
             and top.goal is not None
             and self._goal_gate.goes_on(goal, np.array(top.goal.std), top.goal.error, top.goal.std)
         )
-        frames = 1 if goal_goes_on else self._config.frames if top.goal is None else self._config.goal_frames
-        if goes_on:
-            self._error_gate.confirm(frames)
-        else:
-            self._error_gate.step(frames)
         if top.goal is None:
-            self._goal = goal if goes_on else None
-            return
-        if goal_goes_on:
-            self._goal_gate.confirm(self._config.goal_frames)
+            frames, self._goal = self._config.frames, goal if goes_on else None
         else:
-            self._goal_gate.step(self._config.goal_frames)
-        self._goal = np.array(top.goal.error)
+            self._goal_gate.take_in(goal_goes_on, self._config.goal_frames)
+            # The same way is left, so it is another pair of the same two things.
+            frames = 1 if goal_goes_on and self._goal_gate.is_certain else self._config.goal_frames
+            self._goal = np.array(top.goal.error)
+        self._error_gate.take_in(goes_on, frames)
 
     def _state(self, top: Association, goal_is_certain: bool) -> State:
         if not self._error_gate.is_certain:

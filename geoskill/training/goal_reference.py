@@ -14,6 +14,7 @@ from geoskill.geometry.anchored_map import mapped
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.goal import goals_of
 from geoskill.skill.matching import TOLERANCE_PX
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.training.selected_frames import SelectedFrame, first_demonstration, selected_frames
@@ -23,7 +24,7 @@ MAX_STORED: Final = 256
 MAX_SURROUNDINGS: Final = 1024
 """Features of each type around the target that are kept; they look otherwise when the moving thing is beside them."""
 LAST_FRAMES: Final = 8
-"""Frames at the end that show the goal: a quarter of a second."""
+"""Frames at the end, a quarter of a second, from which features are followed to the very end without drift."""
 MIN_MOTION_SHARE: Final = 0.5
 """A node moves when it goes on average at least so far as this share of what the other one goes."""
 MAX_DRIFT_RATIO: Final = 0.02
@@ -39,7 +40,7 @@ SIMILAR_SHARE: Final = 0.5
 NOISE_FACTOR: Final = 3.0
 """The tolerance is at least so many standard deviations of noise of detection."""
 SPREAD_FACTOR: Final = 2.0
-"""The tolerance is at least so many medians of the goal error in the last frames."""
+"""The tolerance is at least so many medians of the noise of the goal error in the last frames."""
 
 
 def fit_goal_references(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
@@ -122,8 +123,13 @@ def _stored_node(
         return descriptors, ends, torch.ones(len(ends), dtype=torch.bool)
     ends = torch.stack([graph[f"{kind}_final_xy"][row] for graph, row in rows])
     known = torch.stack([graph[f"{kind}_final_known"][row] for graph, row in rows])
-    detected = torch.cat([graph[f"{kind}_geometry"] for graph in last])
-    difference = torch.cdist(descriptors, torch.cat([graph[f"{kind}_descriptor"] for graph in last]))
+    seen = [graph[f"{kind}_final_known"] for graph in last]
+    detected = torch.cat([graph[f"{kind}_final_xy"][own] for graph, own in zip(last, seen, strict=True)])
+    if len(detected) == 0:
+        return descriptors, ends, known
+    difference = torch.cdist(
+        descriptors, torch.cat([graph[f"{kind}_descriptor"][own] for graph, own in zip(last, seen, strict=True)])
+    )
     distance = torch.cdist(_middle(ends), _middle(detected))
     near = max(2 * TOLERANCE_PX, MAX_DRIFT_RATIO * float(detected.max()))
     difference[(distance > near) | (difference > similar)] = torch.inf
@@ -187,7 +193,10 @@ def _similar(kind: NodeType, last: Sequence[MotifGraph]) -> float:
 
 
 def _tolerance(name: str, member: KernelModel, last: Sequence[MotifGraph]) -> float:
-    """Return the tolerance of the goal error from its size in the last frames, never below noise of detection."""
+    """Return the tolerance of the goal error from its noise in the last frames, never below noise of detection.
+
+    Its noise is what it differs by from the way that the moving nodes were followed to the end.
+    """
     norms, noises = list[float](), list[float]()
     for frame in selected_frames(member, list(last), len(last)):
         select_out = torch.zeros(frame.graph.instance_index.shape[1])
@@ -195,9 +204,15 @@ def _tolerance(name: str, member: KernelModel, last: Sequence[MotifGraph]) -> fl
         features = frame.index[:, 0].tolist()
         instance = scored.find(features)
         assert instance is not None
-        goal = scored.association(instance, features).goal
+        association = scored.association(instance, features)
+        goal = association.goal
         if goal is not None:
-            norms.append(float(np.linalg.norm(goal.error)))
+            ends = [
+                tuple(frame.graph[f"{kind}_final_xy"][row].tolist()) if moves else None
+                for kind, row, moves in zip(member.kernel.roles, features, member.goal.moving.tolist(), strict=True)
+            ]
+            (followed,) = goals_of(member, [association.nodes], [tuple(ends)], member.reference_axis)
+            norms.append(float(np.linalg.norm(np.subtract(goal.error, followed.error))))
             noises.append(float(np.linalg.norm(goal.std)))
     resolved = NOISE_FACTOR * member.kernel.resolution / 2
     if not norms:
