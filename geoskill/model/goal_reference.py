@@ -35,7 +35,12 @@ class GoalReference(nn.Module):
         self._names = [
             "moving",
             *(f"node{node}_{part}" for node in range(self._num_nodes) for part in ("descriptor", "end")),
-            *(f"{node_type}_{part}" for node_type in self._node_types for part in ("descriptor", "end")),
+            *(
+                f"{node_type}_{group}_{part}"
+                for node_type in self._node_types
+                for group in ("resting", "carried")
+                for part in ("descriptor", "end")
+            ),
         ]
         self.register_buffer("moving", torch.zeros(0, dtype=torch.bool))
         self.register_buffer("tolerance", torch.zeros(()))
@@ -55,7 +60,11 @@ class GoalReference(nn.Module):
 
     def surroundings(self, node_type: NodeType) -> tuple[Float[Tensor, "t d"], Float[Tensor, "t g"]]:
         """Return descriptors and geometry of the features around the resting nodes at the demonstration's end."""
-        return getattr(self, f"{node_type}_descriptor"), getattr(self, f"{node_type}_end")
+        return getattr(self, f"{node_type}_resting_descriptor"), getattr(self, f"{node_type}_resting_end")
+
+    def carried(self, node_type: NodeType) -> tuple[Float[Tensor, "t d"], Float[Tensor, "t g"]]:
+        """Return descriptors and geometry at the demonstration's end of all features that moved."""
+        return getattr(self, f"{node_type}_carried_descriptor"), getattr(self, f"{node_type}_carried_end")
 
     def similar(self, node_type: NodeType) -> float:
         """Return by how much two descriptors of one feature may differ."""
@@ -65,7 +74,8 @@ class GoalReference(nn.Module):
         self,
         moving: Bool[Tensor, " k"],
         nodes: Sequence[tuple[Float[Tensor, "r _"], Float[Tensor, "r _"]]],
-        surroundings: Mapping[NodeType, tuple[Float[Tensor, "t _"], Float[Tensor, "t _"]]],
+        surroundings: Mapping[NodeType, tuple[Float[Tensor, "_ _"], Float[Tensor, "_ _"]]],
+        carried: Mapping[NodeType, tuple[Float[Tensor, "_ _"], Float[Tensor, "_ _"]]],
         similar: Mapping[NodeType, float],
     ) -> None:
         """Set what is remembered; the tolerance is set afterwards.
@@ -74,15 +84,17 @@ class GoalReference(nn.Module):
             moving: which nodes move; some do, others do not.
             nodes: see :meth:`node`.
             surroundings: see :meth:`surroundings`.
+            carried: see :meth:`carried`.
             similar: see :meth:`similar`.
         """
         self.moving = moving.clone()
         for node, (descriptors, ends) in enumerate(nodes):
             setattr(self, f"node{node}_descriptor", descriptors.clone())
             setattr(self, f"node{node}_end", ends.clone())
-        for node_type, (descriptors, ends) in surroundings.items():
-            setattr(self, f"{node_type}_descriptor", descriptors.clone())
-            setattr(self, f"{node_type}_end", ends.clone())
+        for group, features in (("resting", surroundings), ("carried", carried)):
+            for node_type, (descriptors, ends) in features.items():
+                setattr(self, f"{node_type}_{group}_descriptor", descriptors.clone())
+                setattr(self, f"{node_type}_{group}_end", ends.clone())
         for node_type, difference in similar.items():
             setattr(self, f"{node_type}_similar", torch.tensor(difference))
 

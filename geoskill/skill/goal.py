@@ -15,7 +15,7 @@ from typing import Final, final
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32, Float64
+from jaxtyping import Float, Float32, Float64
 from torch import Tensor
 
 from geoskill.geometry.anchored_map import Matches, anchored_map, mapped, residuals
@@ -164,38 +164,42 @@ class GoalFinder:
     def _end(self, node: int, features: Sequence[int]) -> Float64[np.ndarray, " g"] | None:
         """Return where a moving node lay at the end of the demonstration; None where look-alikes lay elsewhere."""
         kind = self._member.kernel.roles[node]
-        differences = [self._differences(own, feature) for own, feature in enumerate(features)]
-        own, similar = differences[node], self._reference.similar(kind)
+        similar = self._reference.similar(kind)
+        selected, selected_ends = self._reference.node(node)
+        carried, carried_ends = self._reference.carried(kind)
+        ends = np.concatenate([_array(selected_ends), _array(carried_ends).reshape(-1, kind.geometry_dim)])
+        own = self._differences(kind, features[node], selected)
+        if len(carried):
+            own = np.concatenate([own, self._differences(kind, features[node], carried)])
         candidates = own <= min(similar, float(own.min()) + LOOK_ALIKE_SHARE * similar)
-        end = self._agreed(kind, node, candidates, own)
+        end = _agreed(kind, ends[candidates], own[candidates])
         if end is None:  # the partner tells look-alikes apart
+            candidates = candidates[: len(selected)]
             for other, other_kind in enumerate(self._member.kernel.roles):
                 if other != node:
-                    candidates = candidates & (differences[other] <= self._reference.similar(other_kind))
-            end = self._agreed(kind, node, candidates, own)
+                    difference = self._differences(other_kind, features[other], self._reference.node(other)[0])
+                    candidates = candidates & (difference <= self._reference.similar(other_kind))
+            rows = np.flatnonzero(candidates)
+            end = _agreed(kind, ends[rows], own[rows])
         return end
 
-    def _differences(self, node: int, feature: int) -> Float32[np.ndarray, " r"]:
-        stored, _ = self._reference.node(node)
-        own = self._descriptors[self._member.kernel.roles[node]][[feature]]
-        differences: np.ndarray = descriptor_differences(own, _array(stored))[0]
+    def _differences(self, kind: NodeType, feature: int, stored: Float[Tensor, "r d"]) -> Float32[np.ndarray, " r"]:
+        differences: np.ndarray = descriptor_differences(self._descriptors[kind][[feature]], _array(stored))[0]
         return differences
 
-    def _agreed(
-        self, kind: NodeType, node: int, candidates: Bool[np.ndarray, " r"], difference: Float32[np.ndarray, " r"]
-    ) -> Float64[np.ndarray, " g"] | None:
-        if not candidates.any():
-            return None
-        _, stored_ends = self._reference.node(node)
-        ends = _array(stored_ends)[candidates].astype(np.float64)
-        if kind is NodeType.POINT:
-            center = np.median(ends, axis=0)
-            near = np.linalg.norm(ends - center, axis=1) <= TOLERANCE_PX
-            return np.asarray(ends[near].mean(axis=0)) if near.mean() >= MIN_AGREEMENT else None
-        best: np.ndarray = ends[int(difference[candidates].argmin())]
-        node_of = [Node(kind, tuple(row)) for row in ends.tolist()]
-        same = [is_same_feature(other, Node(kind, tuple(best.tolist()))) for other in node_of]
-        return best if np.mean(same) >= MIN_AGREEMENT else None
+
+def _agreed(
+    kind: NodeType, ends: Float32[np.ndarray, "c g"], difference: Float32[np.ndarray, " c"]
+) -> Float64[np.ndarray, " g"] | None:
+    """Return where most of the candidates lay at the end, or None where they lay at different places."""
+    if len(ends) == 0:
+        return None
+    if kind is NodeType.POINT:
+        near = np.linalg.norm(ends - np.median(ends, axis=0), axis=1) <= TOLERANCE_PX
+        return np.asarray(ends[near].mean(axis=0), np.float64) if near.mean() >= MIN_AGREEMENT else None
+    best = Node(kind, tuple(ends[int(difference.argmin())].tolist()))
+    same = [is_same_feature(Node(kind, tuple(row)), best) for row in ends.tolist()]
+    return np.array(best.coordinates, np.float64) if np.mean(same) >= MIN_AGREEMENT else None
 
 
 def descriptor_differences(

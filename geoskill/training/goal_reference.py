@@ -75,10 +75,18 @@ def _fit(name: str, member: KernelModel, frames: Sequence[SelectedFrame], last: 
     if len(rows) == 0:
         return
     target = _middle(nodes[resting][1][rows]).median(dim=0).values
+
+    def at_end(*, resting: bool) -> dict[NodeType, tuple[Tensor, Tensor]]:
+        return {
+            kind: _features_at_end(kind, frames, last, similar[kind], target, resting=resting)
+            for kind in member.node_types
+        }
+
     member.goal.fit(
         moving,
         [(descriptors[rows], ends[rows]) for descriptors, ends, _ in nodes],
-        {kind: _surroundings(kind, frames, target, similar[kind]) for kind in member.node_types},
+        at_end(resting=True),
+        at_end(resting=False),
         similar,
     )
     member.goal.set_tolerance(_tolerance(name, member, last))
@@ -123,10 +131,21 @@ def _stored_node(
         return descriptors, ends, torch.ones(len(ends), dtype=torch.bool)
     ends = torch.stack([graph[f"{kind}_final_xy"][row] for graph, row in rows])
     known = torch.stack([graph[f"{kind}_final_known"][row] for graph, row in rows])
+    return descriptors, _snapped(kind, descriptors, ends, last, similar), known
+
+
+def _snapped(
+    kind: NodeType,
+    descriptors: Float[Tensor, "r d"],
+    ends: Float[Tensor, "r g"],
+    last: Sequence[MotifGraph],
+    similar: float,
+) -> Float[Tensor, "r g"]:
+    """Return where features end: where one that looks the same ends near where flow led, followed for a short time."""
     seen = [graph[f"{kind}_final_known"] for graph in last]
     detected = torch.cat([graph[f"{kind}_final_xy"][own] for graph, own in zip(last, seen, strict=True)])
-    if len(detected) == 0:
-        return descriptors, ends, known
+    if len(detected) == 0 or len(ends) == 0:
+        return ends
     difference = torch.cdist(
         descriptors, torch.cat([graph[f"{kind}_descriptor"][own] for graph, own in zip(last, seen, strict=True)])
     )
@@ -134,7 +153,7 @@ def _stored_node(
     near = max(2 * TOLERANCE_PX, MAX_DRIFT_RATIO * float(detected.max()))
     difference[(distance > near) | (difference > similar)] = torch.inf
     best, match = difference.min(dim=1)
-    return descriptors, torch.where(best.isfinite()[:, None], detected[match], ends), known
+    return torch.where(best.isfinite()[:, None], detected[match], ends)
 
 
 def _at_end(kind: NodeType, graph: MotifGraph) -> Float[Tensor, "n g"]:
@@ -156,12 +175,19 @@ def _at_end(kind: NodeType, graph: MotifGraph) -> Float[Tensor, "n g"]:
     return torch.from_numpy(mapped(matrix, geometry.numpy().astype(np.float64)).astype(np.float32))
 
 
-def _surroundings(
-    kind: NodeType, frames: Sequence[SelectedFrame], target: Float[Tensor, "2"], similar: float
+def _features_at_end(
+    kind: NodeType,
+    frames: Sequence[SelectedFrame],
+    last: Sequence[MotifGraph],
+    similar: float,
+    target: Float[Tensor, "2"],
+    *,
+    resting: bool,
 ) -> tuple[Float[Tensor, "t d"], Float[Tensor, "t g"]]:
-    """Return what rests all the time, one entry for each look of it at a place, the nearest to the target.
+    """Return descriptors and geometry at the end of what rests all the time, or of what does not.
 
-    The last frames alone would not do: there the moving thing covers what it came to.
+    There is one entry for each look of a feature at a place, the nearest to the target first. The last frames alone
+    would not do: there the moving thing covers what it came to.
     """
     descriptors, ends = [], []
     for graph in (frame.graph for frame in reversed(frames)):
@@ -172,9 +198,12 @@ def _surroundings(
         goes = (_middle(graph[f"{kind}_final_xy"]) - _middle(at_rest)).norm(dim=1)
         size = float(geometry.max()) if len(geometry) else 0.0
         rests = (came <= MAX_CAME_RATIO * size) & (goes <= MAX_DRAG_RATIO * size)
-        descriptors.append(graph[f"{kind}_descriptor"][rests])
-        ends.append(at_rest[rests])
+        chosen = rests if resting else ~rests & graph[f"{kind}_final_known"]
+        descriptors.append(graph[f"{kind}_descriptor"][chosen])
+        ends.append((at_rest if resting else graph[f"{kind}_final_xy"])[chosen])
     all_descriptors, all_ends = torch.cat(descriptors), torch.cat(ends)
+    if not resting:
+        all_ends = _snapped(kind, all_descriptors, all_ends, last, similar)
     middles, kept = _middle(all_ends), list[int]()
     for row in (middles - target).norm(dim=1).argsort(stable=True).tolist():
         near = (middles[kept] - middles[row]).norm(dim=1) < TOLERANCE_PX / 2
