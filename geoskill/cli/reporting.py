@@ -110,6 +110,7 @@ class _Results:
             title=Path(self._source).name,
             minimum_weight=min_drawn_weight,
             reasons=[f"{member}: {reason}" for member, reason in result.reasons.items()],
+            states=result.states,
         )
 
     def add(self, frame: Frame, result: InferenceResult) -> None:

@@ -26,7 +26,7 @@ from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.kernels.kernel import directed_nodes
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Goal, Node
-from geoskill.skill.matching import TOLERANCE_PX, is_same_feature
+from geoskill.skill.matching import TOLERANCE_PX
 
 SURE_SHARE: Final = 0.5
 """A feature is recognized by itself when its descriptor differs by less than this share of what similar ones may."""
@@ -197,9 +197,10 @@ def _agreed(
     if kind is NodeType.POINT:
         near = np.linalg.norm(ends - np.median(ends, axis=0), axis=1) <= TOLERANCE_PX
         return np.asarray(ends[near].mean(axis=0), np.float64) if near.mean() >= MIN_AGREEMENT else None
-    best = Node(kind, tuple(ends[int(difference.argmin())].tolist()))
-    same = [is_same_feature(Node(kind, tuple(row)), best) for row in ends.tolist()]
-    return np.array(best.coordinates, np.float64) if np.mean(same) >= MIN_AGREEMENT else None
+    best: np.ndarray = ends[int(difference.argmin())].astype(np.float64)
+    lines = Matches(kind, ends.astype(np.float64), np.tile(best, (len(ends), 1)), np.arange(len(ends)))
+    same = residuals(np.eye(3)[None], lines)[0] <= TOLERANCE_PX
+    return best if same.mean() >= MIN_AGREEMENT else None
 
 
 def descriptor_differences(

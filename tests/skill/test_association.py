@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geoskill.geometry.primitives import NodeType
-from geoskill.skill.association import Association, InferenceResult, Node, NodeRole, abstain_below
+from geoskill.skill.association import Association, Goal, InferenceResult, Node, NodeRole, abstain_below
 from geoskill.skill.member_status import MemberStatus, State
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
@@ -23,13 +23,15 @@ def test_association_as_json_of_points() -> None:
         nodes=(Node(POINT, (101.5, 66.0), 4, NodeRole.MOVING), Node(POINT, (75.2, 140.9), 0, NodeRole.RESTING)),
         error=(26.3, -74.9),
         error_std=(0.70711, 0.70711),
+        goal=Goal(((89.3, 69.1), None), (12.2, -3.1), (0.70711, 0.70711), tolerance=3.0),
     )
     # The documented line of associations.jsonl, without frame and time.
     assert json.dumps(association.as_json()) == (
         '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, "weight": 0.5, '
         '"nodes": [{"type": "point", "xy": [101.5, 66.0], "role": "moving"}, '
         '{"type": "point", "xy": [75.2, 140.9], "role": "resting"}], '
-        '"error": [26.3, -74.9], "error_std": [0.7071, 0.7071]}'
+        '"error": [26.3, -74.9], "error_std": [0.7071, 0.7071], '
+        '"goal_error": [12.2, -3.1], "goal_error_std": [0.7071, 0.7071]}'
     )
 
 
@@ -49,6 +51,7 @@ def test_association_as_json_of_lines() -> None:
         {"type": "line", "xy": [[1.0, 2.5], [30.0, 40.25]]},
     ]
     assert association.as_json()["error"] == [-3.5]
+    assert association.as_json()["goal_error"] is None
 
 
 def test_association_as_json_rounds() -> None:
