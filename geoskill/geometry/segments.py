@@ -61,21 +61,23 @@ def directed(segment: Float[Tensor, "m 4"], axis: Float[Tensor, "#m 2"]) -> Floa
     return torch.where(against[:, None], reversed_ends(segment), segment)
 
 
-def turned(axis: Float[Tensor, "2"], before: Float[Tensor, "4"], after: Float[Tensor, "4"]) -> Float[Tensor, "2"]:
-    """Return the axis turned by the angle between two segments, the smaller one of the two that lines have.
+def turned(
+    axis: Float[Tensor, "m 2"], before: Float[Tensor, "m 4"], after: Float[Tensor, "m 4"]
+) -> Float[Tensor, "m 2"]:
+    """Return axes turned by the angle between two segments each, the smaller one of the two that lines have.
 
-    It stays as it is where a segment is degenerate.
+    They stay as they are where a segment is degenerate.
 
-    >>> turned(torch.tensor([1.0, 0.0]), torch.tensor([0.0, 0.0, 2.0, 0.0]), torch.tensor([0.0, 0.0, -3.0, -3.0]))
-    tensor([0.7071, 0.7071])
+    >>> turned(torch.tensor([[1.0, 0.0]]), torch.tensor([[0.0, 0.0, 2.0, 0.0]]), torch.tensor([[0.0, 0.0, -3.0, -3.0]]))
+    tensor([[0.7071, 0.7071]])
     """
-    first, second = direction(torch.stack([before.to(axis), after.to(axis)]))
-    cosine = first @ second
-    sine = first[0] * second[1] - first[1] * second[0]
-    if cosine == 0 and sine == 0:
-        return axis
-    cosine, sine = (-cosine, -sine) if cosine < 0 else (cosine, sine)
-    return torch.stack([cosine * axis[0] - sine * axis[1], sine * axis[0] + cosine * axis[1]])
+    first, second = direction(before).T, direction(after).T
+    cosine, sine = (first * second).sum(dim=0), first[0] * second[1] - first[1] * second[0]
+    sign = torch.where(cosine < 0, -1.0, 1.0)
+    cosine, sine = sign * cosine, sign * sine
+    rotated = torch.stack([cosine * axis[:, 0] - sine * axis[:, 1], sine * axis[:, 0] + cosine * axis[:, 1]], dim=1)
+    unknown = is_degenerate(before) | is_degenerate(after)
+    return torch.where(unknown[:, None], axis, rotated)
 
 
 def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:

@@ -83,8 +83,9 @@ class TaskDefinition:
         """Return the definition in plain values, as written to ``skill.yaml``.
 
         The error norms ``at_start`` and ``at_end`` are medians over the first and the last tenth of the frames that
-        have an association. ``goal_tolerance`` is the norm of the goal error up to which an association is at its goal, None
-        where no goal was learned. ``share`` is the fraction of all frames whose top association joins the same features.
+        have an association. ``goal_tolerance`` is the norm of the goal error up to which an association is at its goal,
+        None where no goal was learned. ``share`` is the fraction of all frames whose top association joins the same
+        features.
         """
         members = {name: self._member(name, member) for name, member in self._members.items()}
         return {

@@ -198,7 +198,8 @@ class TemporalFilter:
         """
         axis, reference = self._axes.get(name, member.reference_axis), reference_line(member.kernel)
         if reference is not None:
-            axis = turned(axis, torch.tensor(before[reference].coordinates), now[reference])
+            line = torch.tensor([before[reference].coordinates])
+            axis = turned(axis.to(line)[None], line, now[reference].to(line)[None])[0]
         self._axes[name] = axis
         return axis
 
