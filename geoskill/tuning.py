@@ -100,6 +100,29 @@ class CoMotionConfig(Config):
 
 @final
 @dataclass
+class InnovationConfig(Config):
+    """Unexplained steps of an error, and for how long they are unsure (:mod:`geoskill.skill.innovation`)."""
+
+    max_sigma: float = setting(
+        5.0,
+        "Largest step that noise explains, in standard deviations: of normal noise, one in two million is larger.",
+        above=0,
+    )
+    goal_frames: int = setting(
+        3,
+        "Frames for which an association with a goal error is unsure after a step: a tenth of a second"
+        " (docs/experiments/errors.md).",
+        at_least=1,
+    )
+    frames: int = setting(
+        30,
+        "The same without goal error: a second, as there is less to check it by (docs/experiments/errors.md).",
+        at_least=1,
+    )
+
+
+@final
+@dataclass
 class TemporalFilterConfig(Config):
     """Selection over time (:mod:`geoskill.skill.temporal_filter`)."""
 
@@ -129,3 +152,4 @@ class TemporalFilterConfig(Config):
         at_least=0,
     )
     co_motion: CoMotionConfig = field(default_factory=CoMotionConfig)
+    innovation: InnovationConfig = field(default_factory=InnovationConfig)

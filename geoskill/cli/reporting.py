@@ -110,6 +110,7 @@ class _Results:
             title=Path(self._source).name,
             minimum_weight=min_drawn_weight,
             reasons=[f"{member}: {reason}" for member, reason in result.reasons.items()],
+            states=result.states,
         )
 
     def add(self, frame: Frame, result: InferenceResult) -> None:
@@ -161,10 +162,13 @@ def extracted_ahead(
 def association_lines(
     frame: Frame, result: InferenceResult, members: Mapping[str, KernelModel]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the lines of ``associations.jsonl`` for one frame; a member without associations has a line of rank 0."""
+    """Yield the lines of ``associations.jsonl`` for one frame; a member without associations has a line of rank 0.
+
+    What is said of a member, such as its state, is on all of its lines.
+    """
     place = {"frame": frame.index, "time_s": round(frame.time_s, 6)}
     for association in result.associations:
-        yield {**place, **association.as_json()}
+        yield {**place, **association.as_json(), **result.members[association.member].as_json()}
     for name, reason in result.reasons.items():
         yield {
             **place,
@@ -174,5 +178,7 @@ def association_lines(
             "confidence": 0.0,
             "nodes": [],
             "error": [],
+            "error_std": [],
+            **result.members[name].as_json(),
             "reason": reason,
         }

@@ -44,6 +44,42 @@ def reversed_ends(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 4"]:
     return torch.cat([segment[:, 2:], segment[:, :2]], dim=1)
 
 
+def directed(segment: Float[Tensor, "m 4"], axis: Float[Tensor, "#m 2"]) -> Float[Tensor, "m 4"]:
+    """Return the segments with their end points in the order that makes the product of direction and axis positive.
+
+    The result does not depend on the order of the given end points. A segment at right angles to the axis points to
+    the axis's right, as seen on the screen; one whose end points coincide stays as it is.
+
+    >>> directed(torch.tensor([[5.0, 1.0, 2.0, 1.0], [4.0, 7.0, 4.0, 3.0]]), torch.tensor([[1.0, 0.0]]))
+    tensor([[2., 1., 5., 1.],
+            [4., 3., 4., 7.]])
+    """
+    vector = segment[:, 2:] - segment[:, :2]
+    along = (vector * axis).sum(dim=1)
+    across = axis[:, 0] * vector[:, 1] - axis[:, 1] * vector[:, 0]
+    against = torch.where(along == 0, across, along) < 0
+    return torch.where(against[:, None], reversed_ends(segment), segment)
+
+
+def turned(
+    axis: Float[Tensor, "m 2"], before: Float[Tensor, "m 4"], after: Float[Tensor, "m 4"]
+) -> Float[Tensor, "m 2"]:
+    """Return axes turned by the angle between two segments each, the smaller one of the two that lines have.
+
+    They stay as they are where a segment is degenerate.
+
+    >>> turned(torch.tensor([[1.0, 0.0]]), torch.tensor([[0.0, 0.0, 2.0, 0.0]]), torch.tensor([[0.0, 0.0, -3.0, -3.0]]))
+    tensor([[0.7071, 0.7071]])
+    """
+    first, second = direction(before).T, direction(after).T
+    cosine, sine = (first * second).sum(dim=0), first[0] * second[1] - first[1] * second[0]
+    sign = torch.where(cosine < 0, -1.0, 1.0)
+    cosine, sine = sign * cosine, sign * sine
+    rotated = torch.stack([cosine * axis[:, 0] - sine * axis[:, 1], sine * axis[:, 0] + cosine * axis[:, 1]], dim=1)
+    unknown = is_degenerate(before) | is_degenerate(after)
+    return torch.where(unknown[:, None], axis, rotated)
+
+
 def direction(segment: Float[Tensor, "m 4"]) -> Float[Tensor, "m 2"]:
     """Return the unit vector from the first end point to the second.
 

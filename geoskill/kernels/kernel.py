@@ -9,6 +9,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from geoskill.geometry.primitives import NodeType
+from geoskill.geometry.segments import directed, direction
 
 
 class Kernel(ABC):
@@ -22,6 +23,7 @@ class Kernel(ABC):
         roles: the type of each of its ``k`` nodes.
         edges: undirected edges between nodes, every edge once.
         error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
+        error_rows: names of the rows of the error; empty for numbers.
         unit: unit of the error as printed; empty for an error without unit.
         resolution: smallest change of the error's norm that detection can resolve, in the error's unit; an instance
             that changes by less is at rest.
@@ -32,6 +34,7 @@ class Kernel(ABC):
     roles: ClassVar[tuple[NodeType, ...]]
     edges: ClassVar[tuple[tuple[int, int], ...]]
     error_dim: ClassVar[int]
+    error_rows: ClassVar[tuple[str, ...]] = ()
     unit: ClassVar[str] = "px"
     resolution: ClassVar[float]
 
@@ -51,6 +54,43 @@ class Kernel(ABC):
 def node_types(kernel: type[Kernel] | Kernel) -> tuple[NodeType, ...]:
     """Return the distinct types of a kernel's nodes, in the order in which they first appear."""
     return tuple(dict.fromkeys(kernel.roles))
+
+
+def error_row_names(kernel: type[Kernel] | Kernel) -> tuple[str, ...]:
+    """Return a name for each row of a kernel's error, such as ``x`` and ``y`` of p2p; numbers where it has none."""
+    return kernel.error_rows or tuple(str(row) for row in range(1, kernel.error_dim + 1))
+
+
+def reference_line(kernel: type[Kernel] | Kernel) -> int | None:
+    """Return the node whose direction decides the sign of the error, or None without a line.
+
+    It is the last line. Where nodes are listed with the moving one first, that is the resting line of two.
+    """
+    lines = [node for node, role in enumerate(kernel.roles) if role is NodeType.LINE]
+    return lines[-1] if lines else None
+
+
+def directed_nodes(
+    kernel: type[Kernel] | Kernel, nodes: Sequence[Float[Tensor, "m _"]], axis: Float[Tensor, "#m 2"]
+) -> list[Float[Tensor, "m _"]]:
+    """Return the nodes of instances with all segments directed, so that no detector decides the sign of the error.
+
+    The reference line is directed by the axis, and every other line by the reference line (:func:`directed`).
+
+    Args:
+        kernel: gives the types of the nodes.
+        nodes: their geometry in pixels, by role.
+        axis: a direction in the picture, of any length but 0.
+    """
+    reference = reference_line(kernel)
+    if reference is None:
+        return list(nodes)
+    line = directed(nodes[reference], axis)
+    along = direction(line)
+    return [
+        line if node == reference else directed(rows, along) if kernel.roles[node] is NodeType.LINE else rows
+        for node, rows in enumerate(nodes)
+    ]
 
 
 def directed_edges(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, int], ...]:

@@ -20,6 +20,7 @@ class LineToLine(Kernel):
     meaning: ClassVar[str] = "one line comes to lie on another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
+    error_rows: ClassVar[tuple[str, ...]] = ("start", "end")
     error_dim: ClassVar[int] = 2
     resolution: ClassVar[float] = 1.0
 

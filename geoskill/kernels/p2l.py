@@ -20,6 +20,7 @@ class PointToLine(Kernel):
     meaning: ClassVar[str] = "a point comes onto a line"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
+    error_rows: ClassVar[tuple[str, ...]] = ("distance",)
     error_dim: ClassVar[int] = 1
     resolution: ClassVar[float] = 1.0
 

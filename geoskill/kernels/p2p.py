@@ -20,6 +20,7 @@ class PointToPoint(Kernel):
     meaning: ClassVar[str] = "one point comes onto another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.POINT)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
+    error_rows: ClassVar[tuple[str, ...]] = ("x", "y")
     error_dim: ClassVar[int] = 2
     resolution: ClassVar[float] = 1.0
 

@@ -20,6 +20,7 @@ class Parallel(Kernel):
     meaning: ClassVar[str] = "one line turns parallel to another"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
+    error_rows: ClassVar[tuple[str, ...]] = ("sine",)
     error_dim: ClassVar[int] = 1
     unit: ClassVar[str] = ""
     resolution: ClassVar[float] = 0.02  # one degree, about the error of a segment of 60 px whose ends are 1 px off

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
 from geoskill.kernels.kernel import Kernel, automorphisms, node_types
+from geoskill.model.goal_reference import GoalReference
 from geoskill.model.scorer import InstanceScorer
 
 
@@ -29,7 +30,10 @@ class KernelModel(nn.Module):
             descriptor has the larger product with it is taken to move to the other. Empty before training, and when
             the motif tells all nodes apart.
         reference_margin: the median margin of the best score in the frames of the demonstration; 0 before training
-            (:mod:`geoskill.model.confidence`). All four are buffers, so that a checkpoint holds them.
+            (:mod:`geoskill.model.confidence`).
+        reference_axis: ``[2]``, the direction by which segments are directed (:func:`directed_nodes`), of unit length;
+            to the right before training. All five are buffers, so that a checkpoint holds them.
+        goal: what is known of the end of the demonstration.
 
     Raises:
         ValueError: when the extractors are not those of the kernel's node types.
@@ -39,6 +43,7 @@ class KernelModel(nn.Module):
     beta: Tensor
     node_order: Tensor
     reference_margin: Tensor
+    reference_axis: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -51,6 +56,8 @@ class KernelModel(nn.Module):
         self.register_buffer("beta", torch.zeros(0))
         self.register_buffer("node_order", torch.zeros(0))
         self.register_buffer("reference_margin", torch.zeros(()))
+        self.register_buffer("reference_axis", torch.tensor([1.0, 0.0]))
+        self.goal = GoalReference(kernel)
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
         """Set the reward's scale for each span of time.
@@ -69,6 +76,10 @@ class KernelModel(nn.Module):
     def set_reference_margin(self, reference_margin: Float[Tensor, ""]) -> None:
         """Set the margin to which confidences are relative."""
         self.reference_margin = reference_margin.to(self.reference_margin)
+
+    def set_reference_axis(self, reference_axis: Float[Tensor, "2"]) -> None:
+        """Set the direction by which segments are directed."""
+        self.reference_axis = reference_axis.to(self.reference_axis)
 
     def moving_node_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """List the nodes of each instance of a frame so that the node that moved in the demonstration comes first.

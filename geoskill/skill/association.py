@@ -1,14 +1,25 @@
 """Result of inference on one frame: the selected associations and their control errors."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float, Float32
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType, centers
+from geoskill.skill.member_status import MemberStatus, State
+
+
+@final
+class NodeRole(StrEnum):
+    """What a node does in the task; the values are the names used in files."""
+
+    MOVING = "moving"
+    RESTING = "resting"
 
 
 @final
@@ -18,8 +29,10 @@ class Node:
 
     Attributes:
         node_type: point or line.
-        coordinates: x, y of a point or x1, y1, x2, y2 of a line, in pixels.
+        coordinates: x, y of a point or x1, y1, x2, y2 of a line, in pixels. The end points of a line are in the order
+            by which the sign of the error is decided (:func:`geoskill.kernels.kernel.directed_nodes`).
         feature: row in the feature set that the node was detected in, or None where it was not detected.
+        role: whether it moves or rests in the task, as learned from the demonstration; None where that is not known.
 
     Raises:
         ValueError: when the number of coordinates does not fit the node type.
@@ -28,6 +41,7 @@ class Node:
     node_type: NodeType
     coordinates: tuple[float, ...]
     feature: int | None = None
+    role: NodeRole | None = None
 
     def __post_init__(self) -> None:
         expected = self.node_type.geometry_dim
@@ -43,10 +57,11 @@ class Node:
     def as_json(self) -> dict[str, Any]:
         """Return the node as written to ``associations.jsonl``."""
         xy = [round(coordinate, 3) for coordinate in self.coordinates]
+        role = {} if self.role is None else {"role": str(self.role)}
         if self.node_type is NodeType.LINE:
             x1, y1, x2, y2 = xy
-            return {"type": str(self.node_type), "xy": [[x1, y1], [x2, y2]]}
-        return {"type": str(self.node_type), "xy": xy}
+            return {"type": str(self.node_type), "xy": [[x1, y1], [x2, y2]], **role}
+        return {"type": str(self.node_type), "xy": xy, **role}
 
 
 Track = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]
@@ -67,8 +82,26 @@ def track_nodes(nodes: Sequence[Node], track: Track) -> tuple[Node, ...] | None:
         if not tracked.all():
             return None
         for index, row in zip(indices, geometry.tolist(), strict=True):
-            tracked_nodes[index] = Node(node_type, tuple(row))
+            tracked_nodes[index] = Node(node_type, tuple(row), role=nodes[index].role)
     return tuple(tracked_nodes)
+
+
+@final
+@dataclass(frozen=True)
+class Goal:
+    """What is left until an association is as it was at the end of the demonstration.
+
+    Attributes:
+        nodes: geometry of each moving node at the goal, in pixels of this frame; None for a resting node.
+        error: goal error, in the unit of the kernel's error.
+        std: standard deviation of each component, from noise of detection of all nodes.
+        tolerance: norm of the goal error up to which an association is at its goal, as learned from the demonstration.
+    """
+
+    nodes: tuple[tuple[float, ...] | None, ...]
+    error: tuple[float, ...]
+    std: tuple[float, ...]
+    tolerance: float = 0.0
 
 
 @final
@@ -84,8 +117,13 @@ class Association:
             (:class:`geoskill.skill.temporal_filter.TemporalFilter`).
         confidence: probability that it is right, in [0, 1] (:mod:`geoskill.model.confidence`).
         weight: select-out g, in [0, 1]; those of all instances of a member in a frame sum to 1.
-        nodes: the features it joins.
-        error: control error of the kernel (see the kernel for sign and dimension).
+        nodes: the features it joins, the moving one first.
+        error: control error of the kernel (see the kernel for sign and dimension), in the frame of the picture: x to
+            the right, y down; moving minus resting.
+        goal: what is left until it is as it was at the end of the demonstration; None where that cannot be told
+            (:mod:`geoskill.skill.goal`).
+        error_std: standard deviation of each component, from noise of detection
+            (:data:`geoskill.geometry.uncertainty.DETECTION_STD_PX`).
         unit: unit of the error, as printed.
     """
 
@@ -98,6 +136,13 @@ class Association:
     nodes: tuple[Node, ...]
     error: tuple[float, ...]
     unit: str = "px"
+    error_std: tuple[float, ...] = ()
+    goal: Goal | None = None
+
+    @property
+    def is_at_goal(self) -> bool:
+        """Whether its goal error is known and within the tolerance."""
+        return self.goal is not None and math.hypot(*self.goal.error) <= self.goal.tolerance
 
     def as_json(self) -> dict[str, Any]:
         """Return the association as written to ``associations.jsonl``, without the frame's number and time."""
@@ -108,8 +153,15 @@ class Association:
             "confidence": round(self.confidence, 6),
             "weight": round(self.weight, 6),
             "nodes": [node.as_json() for node in self.nodes],
-            "error": [round(component, 4) for component in self.error],
+            "error": _rounded(self.error),
+            "error_std": _rounded(self.error_std),
+            "goal_error": None if self.goal is None else _rounded(self.goal.error),
+            "goal_error_std": None if self.goal is None else _rounded(self.goal.std),
         }
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(value, 4) for value in values]
 
 
 @final
@@ -122,20 +174,92 @@ class InferenceResult:
             first one is the first member's top association.
         features: detected features, by the extractor's name.
         reasons: why a member selects nothing, by the member's name; members that select something have no entry.
+        members: of every member, whether it selects something or not, by name: rows of its error, and state.
     """
 
     associations: tuple[Association, ...]
     features: Mapping[str, FeatureSet] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
+    members: Mapping[str, MemberStatus] = field(default_factory=dict)
 
     @property
-    def error(self) -> np.ndarray:
-        """``[d]``, float64, the control errors of the members' top associations, concatenated.
+    def error(self) -> Float[np.ndarray, " d"]:
+        """The control errors of the members' top associations, one after another: the same rows in every frame.
 
-        Members that select nothing contribute nothing.
+        NaN where a row is not available: its member is lost or unsure.
         """
-        top_errors = (association.error for association in self.associations if association.rank == 1)
-        return np.concatenate([np.zeros(0), *top_errors])
+        return self._rows(lambda top: top.error, lambda status: status.error_is_certain)
+
+    @property
+    def error_available(self) -> Bool[np.ndarray, " d"]:
+        """Which rows of :attr:`error` are available."""
+        available: Bool[np.ndarray, " d"] = np.isfinite(self.error)
+        return available
+
+    @property
+    def error_std(self) -> Float[np.ndarray, " d"]:
+        """Standard deviation of each row of :attr:`error`, from noise of detection; NaN where it is not available."""
+        return self._rows(lambda top: top.error_std, lambda status: status.error_is_certain)
+
+    @property
+    def goal_error(self) -> Float[np.ndarray, " d"]:
+        """What is left until the top associations are as they were at the end of the demonstration, in the same rows.
+
+        NaN where that cannot be told (:mod:`geoskill.skill.goal`), or is not sure.
+        """
+        return self._rows(lambda top: top.goal and top.goal.error, lambda status: status.goal_error_is_certain)
+
+    @property
+    def goal_error_available(self) -> Bool[np.ndarray, " d"]:
+        """Which rows of :attr:`goal_error` are available."""
+        available: Bool[np.ndarray, " d"] = np.isfinite(self.goal_error)
+        return available
+
+    @property
+    def goal_error_std(self) -> Float[np.ndarray, " d"]:
+        """Standard deviation of each row of :attr:`goal_error`; NaN where it is not available."""
+        return self._rows(lambda top: top.goal and top.goal.std, lambda status: status.goal_error_is_certain)
+
+    @property
+    def error_names(self) -> tuple[str, ...]:
+        """Name of each row of :attr:`error`, such as ``p2p_sift.x``."""
+        return tuple(row for status in self.members.values() for row in status.rows)
+
+    @property
+    def error_units(self) -> tuple[str, ...]:
+        """Unit of each row of :attr:`error`; empty for errors without unit."""
+        return tuple(status.unit for status in self.members.values() for _ in status.rows)
+
+    @property
+    def states(self) -> dict[str, State]:
+        """State of each member."""
+        return {name: status.state for name, status in self.members.items()}
+
+    def rows_of(self, member: str) -> slice:
+        """Return the rows of a member in :attr:`error` and the like.
+
+        Raises:
+            KeyError: when there is no such member.
+        """
+        start = 0
+        for name, status in self.members.items():
+            if name == member:
+                return slice(start, start + len(status.rows))
+            start += len(status.rows)
+        raise KeyError(member)
+
+    def _rows(
+        self,
+        values: Callable[[Association], Sequence[float] | None],
+        is_certain: Callable[[MemberStatus], bool],
+    ) -> Float[np.ndarray, " d"]:
+        """Return the values of the top associations in the rows of their members, NaN where there are none."""
+        top = {association.member: association for association in self.associations if association.rank == 1}
+        rows = [np.zeros(0)]
+        for name, status in self.members.items():
+            own = values(top[name]) if name in top and is_certain(status) else None
+            rows.append(np.asarray(own or np.full(len(status.rows), np.nan), np.float64))
+        return np.concatenate(rows)
 
 
 def abstain_below(result: InferenceResult, min_confidence: float) -> InferenceResult:
@@ -160,4 +284,8 @@ def abstain_below(result: InferenceResult, min_confidence: float) -> InferenceRe
         result,
         associations=tuple(association for association in result.associations if association.member not in doubtful),
         reasons={**result.reasons, **reasons},
+        members={
+            name: MemberStatus(status.rows, status.unit) if name in doubtful else status
+            for name, status in result.members.items()
+        },
     )

@@ -10,6 +10,7 @@ from jaxtyping import Float32
 from geoskill.kernels.kernel import automorphisms
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult
+from geoskill.skill.member_status import MemberStatus
 
 # Smallest cosine of two descriptors that count as views of one feature. Two frames of one SIFT keypoint are mostly
 # above 0.85, two unrelated keypoints below 0.6.
@@ -82,7 +83,9 @@ class TaskDefinition:
         """Return the definition in plain values, as written to ``skill.yaml``.
 
         The error norms ``at_start`` and ``at_end`` are medians over the first and the last tenth of the frames that
-        have an association. ``share`` is the fraction of all frames whose top association joins the same features.
+        have an association. ``goal_tolerance`` is the norm of the goal error up to which an association is at its goal,
+        None where no goal was learned. ``share`` is the fraction of all frames whose top association joins the same
+        features.
         """
         members = {name: self._member(name, member) for name, member in self._members.items()}
         return {
@@ -99,6 +102,9 @@ class TaskDefinition:
             "kernel": member.kernel.name,
             "meaning": member.kernel.meaning,
             "descriptor": member.descriptor,
+            "error_rows": list(MemberStatus.lost(name, member).rows),
+            "unit": member.kernel.unit,
+            "goal_tolerance": round(float(member.goal.tolerance), 3) if member.goal.is_fitted else None,
             "constrains": member.kernel.error_dim if num_associated else 0,
             "frames": history.frames,
             "frames_with_association": num_associated,

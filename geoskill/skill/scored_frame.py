@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import torch
@@ -9,11 +10,15 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.uncertainty import propagated_std
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
-from geoskill.kernels.kernel import automorphisms
+from geoskill.kernels.kernel import automorphisms, directed_nodes
 from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
-from geoskill.skill.association import Association, InferenceResult, Node
+from geoskill.skill.association import Association, InferenceResult, Node, NodeRole
+from geoskill.skill.consensus import consensus
+from geoskill.skill.goal import GoalFinder
+from geoskill.skill.member_status import MemberStatus, State
 
 
 @final
@@ -53,6 +58,11 @@ class ScoredInstances:
         scores = self.scores - by * instances
         return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
 
+    @cached_property
+    def goals(self) -> GoalFinder:
+        """Goals of the associations."""
+        return GoalFinder(self.member, self.graph)
+
     def find(self, features: Sequence[int]) -> int | None:
         """Return the instance that joins these features, or None.
 
@@ -67,40 +77,88 @@ class ScoredInstances:
                 return int(matches[0])
         return None
 
-    def associations(self, instances: Sequence[int]) -> list[Association]:
-        """Return these instances as associations, ranked in the order in which they are given."""
-        chosen = torch.tensor(instances, device=self.scores.device, dtype=torch.long)
-        index: Int64[Tensor, "k p"] = self.member.moving_node_first(self.graph, self.graph.instance_index[:, chosen])
-        nodes = gather_nodes(self.member.kernel, self.member.attribute(self.graph, "geometry"), index)
-        errors: Float[Tensor, "p d"] = self.member.kernel.control_error(nodes)
-        confidence = confidences(self.scores, self.member.reference_margin)
+    def associations(self, instances: Sequence[int], axis: Float[Tensor, "2"] | None = None) -> list[Association]:
+        """Return these instances as associations, ranked in the order in which they are given.
+
+        Args:
+            instances: of this frame.
+            axis: the direction by which segments are directed; None for that of the member.
+        """
+        index = self.graph.instance_index[:, self._chosen(instances)]
+        return self._associations(instances, self.member.moving_node_first(self.graph, index), axis)
+
+    def association(
+        self, instance: int, features: Sequence[int], axis: Float[Tensor, "2"] | None = None
+    ) -> Association:
+        """Return an instance as an association of rank 1, with its nodes in a given order.
+
+        Args:
+            instance: of this frame.
+            features: those that it joins, one for each role, in an order that the motif does not tell apart.
+            axis: the direction by which segments are directed; None for that of the member.
+        """
+        index = torch.tensor(features, device=self.graph.instance_index.device)[:, None]
+        return self._associations([instance], index, axis)[0]
+
+    def _chosen(self, instances: Sequence[int]) -> Int64[Tensor, " p"]:
+        return torch.tensor(instances, device=self.scores.device, dtype=torch.long)
+
+    def _associations(
+        self, instances: Sequence[int], index: Int64[Tensor, "k p"], axis: Float[Tensor, "2"] | None
+    ) -> list[Association]:
+        """Return instances, whose features are given in the order of their nodes, as associations."""
+        member, kernel = self.member, self.member.kernel
+        chosen = self._chosen(instances)
+        axis = member.reference_axis if axis is None else axis
+        nodes = directed_nodes(
+            kernel, gather_nodes(kernel, member.attribute(self.graph, "geometry"), index), axis.to(index.device)[None]
+        )
+        errors: Float[Tensor, "p d"] = kernel.control_error(nodes)
+        confidence = confidences(self.scores, member.reference_margin)
+        node_lists = [
+            tuple(
+                Node(node_type, tuple(xy), feature, role)
+                for node_type, role, xy, feature in zip(
+                    kernel.roles, node_roles(member), coordinates, features, strict=True
+                )
+            )
+            for coordinates, features in zip(
+                zip(*(geometry.tolist() for geometry in nodes), strict=True), index.T.tolist(), strict=True
+            )
+        ]
         rows = zip(
             # Whole tensors become lists, since reading a tensor number by number is slow.
             confidence[chosen].tolist(),
             self.select_out[chosen].tolist(),
-            zip(*(geometry.tolist() for geometry in nodes), strict=True),
-            index.T.tolist(),
+            node_lists,
             errors.tolist(),
+            propagated_std(kernel.control_error, nodes).tolist(),
+            self.goals.goals(index.T.tolist(), node_lists, axis),
             strict=True,
         )
-        roles = self.member.kernel.roles
         return [
             Association(
                 member=self.name,
-                kernel=self.member.kernel.name,
-                descriptor=self.member.descriptor,
+                kernel=kernel.name,
+                descriptor=member.descriptor,
                 rank=rank,
                 confidence=own_confidence,
                 weight=weight,
-                nodes=tuple(
-                    Node(role, tuple(xy), feature)
-                    for role, xy, feature in zip(roles, coordinates, features, strict=True)
-                ),
+                nodes=own_nodes,
                 error=tuple(error),
-                unit=self.member.kernel.unit,
+                unit=kernel.unit,
+                error_std=tuple(std),
+                goal=goal,
             )
-            for rank, (own_confidence, weight, coordinates, features, error) in enumerate(rows, start=1)
+            for rank, (own_confidence, weight, own_nodes, error, std, goal) in enumerate(rows, start=1)
         ]
+
+
+def node_roles(member: KernelModel) -> list[NodeRole | None]:
+    """Return the role of each node of an association that is listed with the moving node first; None if not known."""
+    if len(member.goal.moving) == 0:
+        return [None] * len(member.kernel.roles)
+    return [NodeRole.MOVING if moves else NodeRole.RESTING for moves in member.goal.moving.tolist()]
 
 
 @final
@@ -116,12 +174,17 @@ class ScoredFrame:
     features: Mapping[str, FeatureSet]
     members: Mapping[str, ScoredInstances]
 
-    def result(self, selected: Mapping[str, Sequence[Association]]) -> InferenceResult:
+    def result(
+        self, selected: Mapping[str, Sequence[Association]], statuses: Mapping[str, MemberStatus] | None = None
+    ) -> InferenceResult:
         """Return the result of the frame, with a reason for every member that selects nothing.
 
         Args:
             selected: associations of each member by rank, by the member's name; empty for members without an instance.
+            statuses: of the members; None for what their top associations say by themselves.
         """
+        if statuses is None:
+            statuses = {name: self.status(name, selected[name]) for name in self.members}
         associations: list[Association] = []
         reasons = {}
         for name, scored in self.members.items():
@@ -132,4 +195,24 @@ class ScoredFrame:
                     for node_type, extractor in scored.member.extractors.items()
                 )
                 reasons[name] = f"no instance: {counts} found"
-        return InferenceResult(tuple(associations), self.features, reasons)
+        return InferenceResult(tuple(associations), self.features, reasons, statuses)
+
+    def status(self, name: str, listed: Sequence[Association]) -> MemberStatus:
+        """Return the status of a member by its top association in this frame alone.
+
+        Args:
+            name: of the member.
+            listed: its associations by rank.
+        """
+        member = self.members[name].member
+        if not listed:
+            return MemberStatus.lost(name, member)
+        agreed = consensus(member.kernel, listed)
+        return replace(
+            MemberStatus.lost(name, member),
+            state=State.AT_GOAL if listed[0].is_at_goal else State.APPROACHING,
+            error_is_certain=True,
+            goal_error_is_certain=listed[0].goal is not None,
+            agreement=None if agreed is None else agreed.share,
+            offset_px=None if agreed is None else agreed.offset_px,
+        )

@@ -27,15 +27,20 @@ from typing import final
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
-from geoskill.kernels.kernel import Kernel
+from geoskill.geometry.segments import turned
+from geoskill.geometry.uncertainty import propagated_std
+from geoskill.kernels.kernel import reference_line
+from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
+from geoskill.skill.goal import goals_of
 from geoskill.skill.matching import find_feature
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
+from geoskill.skill.status_over_time import StatusOverTime
 from geoskill.tracking.appearance import matches, patches_at
 from geoskill.tracking.co_motion import CoMotionDetector
 from geoskill.tracking.flow import track_sparse
@@ -73,6 +78,8 @@ class TemporalFilter:
         self.skill = skill
         self._config = TemporalFilterConfig() if config is None else config
         self._selected: dict[str, _Selected] = {}
+        self._axes: dict[str, Tensor] = {}
+        self._statuses: dict[str, StatusOverTime] = {}
         self._previous_gray: UInt8[np.ndarray, "height width"] | None = None
         self._co_motion = CoMotionDetector(self._config.co_motion)
 
@@ -95,22 +102,34 @@ class TemporalFilter:
         scored_frame = self.skill.observe(frame, features)
         gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._previous_gray is not None and self._previous_gray.shape != gray.shape:
-            self._selected = {}
+            self._selected, self._axes, self._statuses = {}, {}, {}
         listed: dict[str, list[Association]] = {}
+        statuses = {}
         self._co_motion.advance(gray)
         for name, scored in scored_frame.members.items():
             score_std = scored.score_std
             scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
-            selected = self._keep(self._selected.pop(name, None), scored, score_std, gray)
-            best = scored.associations(scored.best(self.skill.top_k))
+            last = self._selected.pop(name, None)
+            tracked = None if last is None else self._track(last.association.nodes, gray)
+            best = scored.associations(scored.best(self.skill.top_k), self._axes.get(name))
+            selected = self._keep(last, tracked, scored, score_std, bool(best) and best[0].is_at_goal, gray)
             if selected is None and best:
-                selected = _Selected(best[0], _appearance(best[0].nodes, gray))
+                first = _first_selected(best, last)
+                selected = _Selected(first, _appearance(first.nodes, gray))
             if selected is not None and best:
                 self._selected[name] = selected
                 best = _with_first(selected.association, best)
             listed[name] = best
+            status = self._statuses.setdefault(name, StatusOverTime(name, scored.member, self._config.innovation))
+            statuses[name] = status.advance(tracked, best)
         self._previous_gray = gray
-        return scored_frame.result(listed)
+        return scored_frame.result(listed, statuses)
+
+    def _track(self, nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[Node, ...] | None:
+        """Return nodes of the previous frame where flow leads them, or None when it loses one of them."""
+        if self._previous_gray is None:
+            return None
+        return track_nodes(nodes, partial(track_sparse, start=self._previous_gray, end=gray))
 
     def _co_moving(self, scored: ScoredInstances) -> Bool[Tensor, " m"]:
         member, graph = scored.member, scored.graph
@@ -123,48 +142,74 @@ class TemporalFilter:
     def _keep(
         self,
         selected: _Selected | None,
+        nodes: tuple[Node, ...] | None,
         scored: ScoredInstances,
         score_std: float,
+        best_is_at_goal: bool,
         gray: UInt8[np.ndarray, "height width"],
     ) -> _Selected | None:
         """Return the selected association as of this frame, or None when it is dropped.
 
         Args:
             selected: as of the previous frame; None where nothing was selected.
+            nodes: of it, tracked to this frame; None where one was lost.
             scored: instances of this frame, co-moving ones penalized.
             score_std: standard deviation of the scores without the penalty.
+            best_is_at_goal: whether the best association of this frame is at its goal. One that is at its goal is not
+                left for another that is not.
             gray: this frame.
         """
-        if selected is None or self._previous_gray is None or len(scored) == 0:
+        if selected is None or nodes is None or len(scored) == 0:
             return None
-        nodes = track_nodes(selected.association.nodes, partial(track_sparse, start=self._previous_gray, end=gray))
-        if nodes is None:
-            return None
-        instance = _find(scored, nodes)
-        if instance is None:
+        found = _find(scored, nodes)
+        geometry = scored.member.attribute(scored.graph, "geometry")
+        now = [
+            torch.tensor(node.coordinates) if found is None else geometry[node.node_type][found[role]]
+            for role, node in enumerate(nodes)
+        ]
+        axis = self._turn(scored.name, scored.member, selected.association.nodes, now)
+        instance = None if found is None else scored.find(found)
+        if found is None or instance is None:
             occluded = any(
                 not matches(before, now)
                 for before, now in zip(selected.appearance, _appearance(nodes, gray), strict=True)
             )
             if occluded or selected.missed == self._config.max_missed_frames:
                 return None
-            association = replace(selected.association, nodes=nodes, error=_error(scored.member.kernel, nodes))
+            association = _moved(scored.member, selected.association, nodes, axis)
             return replace(selected, association=association, missed=selected.missed + 1)
         difference = float(scored.scores.max() - scored.scores[instance])
         margin = difference / score_std if score_std > 0 else 0.0
         excess = max(0.0, selected.excess + margin - self._config.tolerated_margin)
-        association = scored.associations([instance])[0]
+        association = scored.association(instance, found, axis)
+        if association.is_at_goal and not best_is_at_goal:
+            excess = selected.excess
         if excess > self._config.patience:
             return None
         return _Selected(association, _appearance(association.nodes, gray), excess)
+
+    def _turn(
+        self, name: str, member: KernelModel, before: Sequence[Node], now: Sequence[Float[Tensor, " _"]]
+    ) -> Float[Tensor, "2"]:
+        """Turn a member's axis as the selected reference line has turned since the last frame, and return it.
+
+        So a line or a camera that turns slowly, by however much, keeps the sign of the error, and lines that are
+        selected later are directed as they would have been before.
+        """
+        axis, reference = self._axes.get(name, member.reference_axis), reference_line(member.kernel)
+        if reference is not None:
+            line = torch.tensor([before[reference].coordinates])
+            axis = turned(axis.to(line)[None], line, now[reference].to(line)[None])[0]
+        self._axes[name] = axis
+        return axis
 
 
 def _appearance(nodes: Sequence[Node], gray: UInt8[np.ndarray, "height width"]) -> tuple[np.ndarray, ...]:
     return tuple(patches_at(gray, node.node_type, node.coordinates) for node in nodes)
 
 
-def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
-    """Return the instance that joins the detections nearest to the tracked nodes, or None when not all are detected."""
+def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> list[int] | None:
+    """Return the detections nearest to the tracked nodes, in their order, or None when not all are detected."""
     geometry = scored.member.attribute(scored.graph, "geometry")
     features = []
     for node in nodes:
@@ -172,12 +217,31 @@ def _find(scored: ScoredInstances, nodes: Sequence[Node]) -> int | None:
         if feature is None:
             return None
         features.append(feature)
-    return scored.find(features)
+    return features
 
 
-def _error(kernel: Kernel, nodes: Sequence[Node]) -> tuple[float, ...]:
-    error = kernel.control_error([torch.tensor([node.coordinates]) for node in nodes])
-    return tuple(error[0].tolist())
+def _moved(
+    member: KernelModel, association: Association, nodes: tuple[Node, ...], axis: Float[Tensor, "2"]
+) -> Association:
+    """Return an association whose nodes are where flow tracked them; its goal moves along with a resting node."""
+    kernel, geometry = member.kernel, [torch.tensor([node.coordinates]) for node in nodes]
+    error, std = kernel.control_error(geometry), propagated_std(kernel.control_error, geometry)
+    goal = association.goal
+    if goal is not None:
+        resting = goal.nodes.index(None)
+        shift = np.subtract(nodes[resting].center, association.nodes[resting].center)
+        places = [place and tuple(np.reshape(np.reshape(place, (-1, 2)) + shift, -1).tolist()) for place in goal.nodes]
+        (goal,) = goals_of(member, [nodes], [tuple(places)], axis)
+    return replace(
+        association, nodes=nodes, error=tuple(error[0].tolist()), error_std=tuple(std[0].tolist()), goal=goal
+    )
+
+
+def _first_selected(best: Sequence[Association], last: _Selected | None) -> Association:
+    """Return the best association, or the best one at its goal where the last one was at its goal, too."""
+    if last is not None and last.association.is_at_goal:
+        return next((association for association in best if association.is_at_goal), best[0])
+    return best[0]
 
 
 def _with_first(selected: Association, best: Sequence[Association]) -> list[Association]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
-import torch
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import Checkpoint
 from torch import Tensor, nn
@@ -18,7 +17,7 @@ from geoskill.io.atomic import atomic_open, atomic_path
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.checkpoint import Provenance, skill_entry
 from geoskill.skill.spec import SkillSpec
-from geoskill.training.calibration import fit_reference_margin
+from geoskill.training.calibration import calibrate, is_calibration, uncalibrated
 
 
 @final
@@ -67,7 +66,7 @@ class MetricsTable(Callback):
 class SkillRecord(Callback):
     """The entry ``skill`` of every checkpoint, and the calibration of the last one.
 
-    In the checkpoint of the last epoch, the confidence is calibrated with the averaged weights before anything is
+    In the checkpoint of the last epoch, the members are calibrated with the averaged weights before anything is
     written, and the skill is marked as finished. In all others it is marked as unfinished. So a file is at any moment
     either a complete skill or says that it is none. It comes after a callback that averages weights.
 
@@ -89,7 +88,7 @@ class SkillRecord(Callback):
         self.provenance = provenance
         self.pipelines = pipelines
         self.demonstration = demonstration
-        self._margins: Mapping[str, Tensor] = {}
+        self._calibration: dict[str, Tensor] = {}
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Take over the epochs of an earlier run."""
@@ -109,24 +108,24 @@ class SkillRecord(Callback):
             prefix = "members."
             weights = {key.removeprefix(prefix): weight for key, weight in checkpoint["state_dict"].items()}
             members.load_state_dict(weights)
-            fit_reference_margin(kernel_models(members), self.demonstration)
-            self._margins = {name: member.reference_margin for name, member in kernel_models(members).items()}
-            checkpoint["state_dict"] = members.state_dict(prefix=prefix)
+            calibrate(kernel_models(members), self.demonstration)
+            state = members.state_dict(prefix=prefix)
+            self._calibration = {key: value for key, value in state.items() if is_calibration(key)}
+            checkpoint["state_dict"] = state
         else:  # also when a finished training goes on for more epochs
-            for key, weight in checkpoint["state_dict"].items():
-                if key.endswith(".reference_margin"):
-                    checkpoint["state_dict"][key] = torch.zeros_like(weight)
+            assert isinstance(pl_module.members, nn.ModuleDict)
+            checkpoint["state_dict"] |= uncalibrated(kernel_models(pl_module.members), prefix="members.")
         self.provenance = replace(self.provenance, finished=finished)
         checkpoint["skill"] = skill_entry(self.spec, self.provenance, self.pipelines)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Calibrate the module's own members, whose weights are the averaged ones by now."""
         assert isinstance(pl_module.members, nn.ModuleDict)
-        members = kernel_models(pl_module.members)
-        for name, margin in self._margins.items():
-            members[name].set_reference_margin(margin)
-        if not self._margins:  # no checkpoint was wanted
-            fit_reference_margin(kernel_models(pl_module.members.cpu()), self.demonstration)
+        if self._calibration:
+            own = {key.removeprefix("members."): value for key, value in self._calibration.items()}
+            pl_module.members.load_state_dict(own, strict=False)
+        else:  # no checkpoint was wanted
+            calibrate(kernel_models(pl_module.members.cpu()), self.demonstration)
         self.provenance = replace(self.provenance, finished=True)
 
     def _take_in(self, trainer: Trainer, epochs: int) -> None:

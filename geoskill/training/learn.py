@@ -23,7 +23,7 @@ from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.skill import Skill, build_stored
 from geoskill.skill.spec import SkillComponents, build_skill, plan_skill
-from geoskill.training.calibration import fit_reference_margin
+from geoskill.training.calibration import calibrate
 from geoskill.training.callbacks import MetricsTable, SkillRecord
 from geoskill.training.module import SkillTraining
 from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepare
@@ -193,7 +193,7 @@ def _finish(
     provenance = stored.provenance
     contents: dict[str, Any] = dict(stored.contents)
     if not provenance.finished:
-        fit_reference_margin(components.members, demonstration)
+        calibrate(components.members, demonstration)
         provenance = replace(provenance, finished=True, epochs=(provenance.epochs[0], epochs))
         weights = torch.nn.ModuleDict(dict(components.members)).state_dict(prefix="members.")
         contents |= {"skill": skill_entry(stored.spec, provenance, components.pipelines), "state_dict": weights}

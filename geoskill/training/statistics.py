@@ -19,8 +19,8 @@ def fit_statistics(
 ) -> None:
     """Fit prototypes, the scale of the reward, and the order of nodes, each of which may need those before it.
 
-    The fourth statistic, the reference margin of the confidence, is fitted when training ends
-    (:func:`~geoskill.training.calibration.fit_reference_margin`). All are buffers, so that a checkpoint holds them.
+    What depends on trained weights is fitted when training ends (:func:`~geoskill.training.calibration.calibrate`). All
+    are buffers, so that a checkpoint holds them.
 
     Args:
         members: by name, untrained.

@@ -5,7 +5,7 @@ a panel with a block for each member: the control error of its top association a
 confidence of each association shown.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, final
 
 import cv2
@@ -32,6 +32,7 @@ def draw_overlay(
     title: str = "",
     minimum_weight: float = 0.1,
     reasons: Sequence[str] = (),
+    states: Mapping[str, str] | None = None,
 ) -> UInt8[np.ndarray, "out_height out_width 3"]:
     """Draw features and associations on a frame, with the panel to its right; RGB.
 
@@ -51,9 +52,10 @@ def draw_overlay(
         title: one line, truncated where it is too long.
         minimum_weight: in [0, 1].
         reasons: why members have no instance, one sentence for each.
+        states: of the members by name, shown beside their names; None for none.
     """
     scale = Scale.of(image)
-    members = _members(associations, minimum_weight)
+    members = _members(associations, minimum_weight, states or {})
     enlarged = cv2.resize(image, None, fx=scale.factor, fy=scale.factor, interpolation=cv2.INTER_CUBIC)
     canvas = np.ascontiguousarray(enlarged, np.uint8)
     for feature_set in features:
@@ -82,17 +84,18 @@ class _Member(NamedTuple):
     shown: list[Association]
 
 
-def _members(associations: Iterable[Association], minimum_weight: float) -> list[_Member]:
+def _members(associations: Iterable[Association], minimum_weight: float, states: Mapping[str, str]) -> list[_Member]:
     """Group the associations by member, in the order of first appearance, and keep those to show, by rank."""
     grouped: dict[str, list[Association]] = {}
     for association in associations:
         grouped.setdefault(association.member, []).append(association)
     members = []
-    for i, group in enumerate(grouped.values()):
+    for i, (name, group) in enumerate(grouped.items()):
         group.sort(key=lambda association: association.rank)
         with_nodes = [association for association in group if association.nodes]
         shown = with_nodes[:1] + [association for association in with_nodes[1:] if association.weight > minimum_weight]
-        members.append(_Member(chr(ord("A") + i), f"{group[0].kernel} {group[0].descriptor}", shown))
+        heading = " ".join([group[0].kernel, group[0].descriptor, *([states[name]] if name in states else [])])
+        members.append(_Member(chr(ord("A") + i), heading, shown))
     return members
 
 

@@ -240,6 +240,12 @@ def test_black_frames_have_a_reason(command: Command, tiny: Sequence[str], tmp_p
         "confidence": 0.0,
         "nodes": [],
         "error": [],
+        "error_std": [],
+        "state": "lost",
+        "error_available": [False, False],
+        "goal_error_available": [False, False],
+        "agreement": None,
+        "offset_px": None,
         "reason": "no instance: 0 points found",
     }
     check_video(run / "overlay.mp4", FRAMES)

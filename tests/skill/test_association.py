@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from geoskill.geometry.primitives import NodeType
-from geoskill.skill.association import Association, InferenceResult, Node, abstain_below
+from geoskill.skill.association import Association, Goal, InferenceResult, Node, NodeRole, abstain_below
+from geoskill.skill.member_status import MemberStatus, State
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 
@@ -19,14 +20,18 @@ def test_association_as_json_of_points() -> None:
         rank=1,
         confidence=0.93,
         weight=0.5,
-        nodes=(Node(POINT, (101.5, 66.0), 4), Node(POINT, (75.2, 140.9), 0)),
+        nodes=(Node(POINT, (101.5, 66.0), 4, NodeRole.MOVING), Node(POINT, (75.2, 140.9), 0, NodeRole.RESTING)),
         error=(26.3, -74.9),
+        error_std=(0.70711, 0.70711),
+        goal=Goal(((89.3, 69.1), None), (12.2, -3.1), (0.70711, 0.70711), tolerance=3.0),
     )
     # The documented line of associations.jsonl, without frame and time.
     assert json.dumps(association.as_json()) == (
         '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, "weight": 0.5, '
-        '"nodes": [{"type": "point", "xy": [101.5, 66.0]}, {"type": "point", "xy": [75.2, 140.9]}], '
-        '"error": [26.3, -74.9]}'
+        '"nodes": [{"type": "point", "xy": [101.5, 66.0], "role": "moving"}, '
+        '{"type": "point", "xy": [75.2, 140.9], "role": "resting"}], '
+        '"error": [26.3, -74.9], "error_std": [0.7071, 0.7071], '
+        '"goal_error": [12.2, -3.1], "goal_error_std": [0.7071, 0.7071]}'
     )
 
 
@@ -46,6 +51,7 @@ def test_association_as_json_of_lines() -> None:
         {"type": "line", "xy": [[1.0, 2.5], [30.0, 40.25]]},
     ]
     assert association.as_json()["error"] == [-3.5]
+    assert association.as_json()["goal_error"] is None
 
 
 def test_association_as_json_rounds() -> None:
@@ -83,14 +89,22 @@ def test_abstain_below_drops_doubtful_members() -> None:
     # The second may be more confident, since the first was kept from the previous frame.
     second = Association("p2p_sift", "p2p", "sift", 2, 0.6, 0.25, nodes, (9.0, 9.0))
     reasons = {"l2l_lbd": "no instance: 1 lines found"}
-    result = InferenceResult((doubtful, second, sure), {}, reasons)
+    members = {
+        name: MemberStatus((f"{name}.x", f"{name}.y"), "px", State.APPROACHING, True, True)
+        for name in ("p2p_sift", "p2p_orb")
+    }
+    result = InferenceResult((doubtful, second, sure), {}, reasons, members)
+    np.testing.assert_array_equal(result.error, [7.0, 8.0, -2.0, -2.0])
     left = abstain_below(result, 0.2)
     assert left.associations == (sure,)
-    np.testing.assert_array_equal(left.error, [-2.0, -2.0])
+    np.testing.assert_array_equal(left.error, [np.nan, np.nan, -2.0, -2.0])
+    assert left.states == {"p2p_sift": State.LOST, "p2p_orb": State.APPROACHING}
+    assert left.error_names == result.error_names == ("p2p_sift.x", "p2p_sift.y", "p2p_orb.x", "p2p_orb.y")
     assert left.reasons == {
         "l2l_lbd": "no instance: 1 lines found",
         "p2p_sift": "no association visible: the selected one has a confidence of 0.12, less than 0.2",
     }
     assert abstain_below(result, 0.125) is result, "the smallest confidence is still selected"
     nothing = abstain_below(result, 1.0)
-    assert (nothing.associations, nothing.error.shape) == ((), (0,))
+    assert (nothing.associations, nothing.error.shape) == ((), (4,))
+    assert not nothing.error_available.any()

@@ -178,7 +178,7 @@ def test_load_refuses_weights_that_do_not_fit(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("number", [1, 2])
+@pytest.mark.parametrize("number", [1, 2, 3])
 def test_load_refuses_old_formats_with_what_to_do(tmp_path: Path, checkpoint: dict[str, Any], number: int) -> None:
     """Until format 2, the entry ``skill`` was the specification itself."""
     path = tmp_path / "earlier.ckpt"
@@ -330,7 +330,10 @@ def test_nodes_are_the_features_they_name(skill: Skill, frame: np.ndarray) -> No
         ):
             assert node.feature is not None
             assert node.node_type is result.features[name].node_type
-            assert node.coordinates == tuple(result.features[name].geometry[node.feature].tolist())
+            detected = result.features[name].geometry[node.feature].reshape(-1, 2).tolist()
+            ends = np.reshape(node.coordinates, (-1, 2)).tolist()
+            assert ends in (detected, detected[::-1])
+            assert len(ends) == 1 or ends[1][0] > ends[0][0], "the axis of an untrained skill is to the right"
 
 
 def test_errors_are_the_control_errors_of_the_nodes(skill: Skill, frame: np.ndarray) -> None:
@@ -383,7 +386,12 @@ def test_infer_takes_extracted_features(skill: Skill, frame: np.ndarray, demonst
 def test_infer_on_a_frame_without_features(skill: Skill) -> None:
     result = skill.infer(np.full((90, 120, 3), 77, np.uint8))
     assert result.associations == ()
-    assert result.error.shape == (0,)
+    assert np.isnan(result.error).all()
+    assert result.error_available.tolist() == [False] * 3
+    assert np.isnan(result.error_std).all()
+    assert result.error_names == ("p2p_sift.x", "p2p_sift.y", "p2l_sift_lbd.distance")
+    assert result.error_units == ("px", "px", "px")
+    assert result.states == {"p2p_sift": "lost", "p2l_sift_lbd": "lost"}
     assert result.reasons == {
         "p2p_sift": "no instance: 0 points found",
         "p2l_sift_lbd": "no instance: 0 points, 0 lines found",
@@ -396,7 +404,13 @@ def test_member_without_instance_leaves_the_others_alone(skill: Skill, frame: np
     result = skill.infer(frame)
     assert [association.kernel for association in result.associations] == ["p2p"] * 4
     assert result.reasons == {"p2l_sift_lbd": "no instance: 10 points, 0 lines found"}
-    assert result.error.tolist() == list(result.associations[0].error)
+    assert result.error[result.rows_of("p2p_sift")].tolist() == list(result.associations[0].error)
+    assert np.isnan(result.error[result.rows_of("p2l_sift_lbd")]).all()
+    assert result.error_available.tolist() == [True, True, False]
+    np.testing.assert_allclose(result.error_std[:2], 0.5 * 2**0.5, rtol=1e-6)
+    assert result.states == {"p2p_sift": "approaching", "p2l_sift_lbd": "lost"}
+    with pytest.raises(KeyError, match="p2p_orb"):
+        result.rows_of("p2p_orb")
 
 
 def test_fewer_instances_than_top_k(skill: Skill, frame: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from geoskill import TemporalFilter as PublicTemporalFilter
 from geoskill.errors import InputError
 from geoskill.evaluation.switches import SwitchCounter
 from geoskill.skill import temporal_filter
-from geoskill.skill.association import Association, InferenceResult
+from geoskill.skill.association import Association, Goal, InferenceResult
 from geoskill.skill.skill import Skill
 from geoskill.skill.temporal_filter import TemporalFilter
 from geoskill.tuning import CoMotionConfig, TemporalFilterConfig
@@ -142,6 +142,19 @@ def test_temporal_filter_drops_occluded_association(skill: Skill, demonstration_
     covered[y - 4 : y + 5, x - 4 : x + 5] = patch
     (kept,) = of_points(selector.infer(covered))
     assert None not in [node.feature for node in kept.nodes]
+
+
+def test_temporal_filter_prefers_what_is_at_its_goal_after_what_was(
+    skill: Skill, demonstration_frames: Sequence[np.ndarray]
+) -> None:
+    first, second, third = of_points(skill.infer(demonstration_frames[6]))[:3]
+    done = replace(second, goal=Goal(((1.0, 2.0), None), (0.5, 0.5), (0.7, 0.7), tolerance=3.0))
+    far = replace(third, goal=Goal(((1.0, 2.0), None), (9.0, 0.5), (0.7, 0.7), tolerance=3.0))
+    last = [temporal_filter._Selected(own, ()) for own in (far, done)]
+    assert temporal_filter._first_selected([first, far, done], last[0]) is first
+    assert temporal_filter._first_selected([first, far, done], last[1]) is done
+    assert temporal_filter._first_selected([first, far], last[1]) is first
+    assert temporal_filter._first_selected([first, done], None) is first
 
 
 @pytest.mark.parametrize("content", ["noise", "smaller", "empty"])
