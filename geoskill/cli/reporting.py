@@ -34,7 +34,7 @@ def write_inference(
     source: FrameSource,
     folder: Path,
     min_drawn_weight: float,
-    metrics: Mapping[str, int | float],
+    metrics: Mapping[str, Any],
     threads: int,
 ) -> dict[str, Any]:
     """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
@@ -122,7 +122,7 @@ class _Results:
                 self._history.append((frame.index, association.member, association.confidence, norm))
         self.frames += 1
 
-    def write(self, folder: Path, metrics: Mapping[str, int | float]) -> dict[str, Any]:
+    def write(self, folder: Path, metrics: Mapping[str, Any]) -> dict[str, Any]:
         """Write task definition, metrics and plot; return the metrics, with those given where the names are new."""
         own: dict[str, Any] = {
             "source": self._source,

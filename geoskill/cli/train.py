@@ -80,7 +80,21 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     if learned.is_main:
         summary = _write_results(config, run, learned, first[0])
         _log_results(loggers, run, summary)
+        for line in _statements(learned):
+            print(line)
         print(run.folder)
+
+
+def _statements(learned: "LearnedSkill") -> list[str]:
+    """Return what the demonstration says of each member, and what helps where nothing was learned."""
+    evidence = learned.skill.evidence
+    lines = [f"{name}: {own}" for name, own in evidence.items()]
+    if evidence and not any(own.found for own in evidence.values()):
+        lines.append(
+            "Its confidence is low everywhere. What helps: a camera at rest, the thing on the table in the first and in"
+            " the last pictures, no hand in them, and a thing and a target with some texture."
+        )
+    return lines
 
 
 def _say_how_to_go_on(run: Run, checkpoint: Path, epochs: int) -> None:
@@ -103,7 +117,12 @@ def _write_results(
     from geoskill.viz.curves import plot_training
 
     plot_training(run.folder / "metrics.csv", run.folder / "training.png")
-    metrics = dict(learned.metrics)
+    evidence = learned.skill.evidence
+    metrics: dict[str, Any] = {
+        **learned.metrics,
+        "found": any(own.found for own in evidence.values()),
+        "evidence": {name: own.as_plain() for name, own in evidence.items()},
+    }
     with quiet_libraries():
         if sequence.labels is not None:
             # Accuracy is that of a choice in every frame, as in the paper and in evaluate.py.

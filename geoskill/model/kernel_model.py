@@ -1,6 +1,7 @@
 """A skill kernel with its network, which together make one member of a skill."""
 
 from collections.abc import Mapping
+from dataclasses import astuple
 from typing import final
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
 from geoskill.kernels.kernel import Kernel, automorphisms, node_types
+from geoskill.model.evidence import Evidence
 from geoskill.model.goal_reference import GoalReference
 from geoskill.model.scorer import InstanceScorer
 
@@ -32,7 +34,9 @@ class KernelModel(nn.Module):
         reference_margin: the median margin of the best score in the frames of the demonstration; 0 before training
             (:mod:`geoskill.model.confidence`).
         reference_axis: ``[2]``, the direction by which segments are directed (:func:`directed_nodes`), of unit length;
-            to the right before training. All five are buffers, so that a checkpoint holds them.
+            to the right before training.
+        evidence_figures: ``[3]``, those of :attr:`evidence`; empty before training. All six are buffers, so that a
+            checkpoint holds them.
         goal: what is known of the end of the demonstration.
 
     Raises:
@@ -44,6 +48,7 @@ class KernelModel(nn.Module):
     node_order: Tensor
     reference_margin: Tensor
     reference_axis: Tensor
+    evidence_figures: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -57,6 +62,7 @@ class KernelModel(nn.Module):
         self.register_buffer("node_order", torch.zeros(0))
         self.register_buffer("reference_margin", torch.zeros(()))
         self.register_buffer("reference_axis", torch.tensor([1.0, 0.0]))
+        self.register_buffer("evidence_figures", torch.zeros(0))
         self.goal = GoalReference(kernel)
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
@@ -81,6 +87,16 @@ class KernelModel(nn.Module):
         """Set the direction by which segments are directed."""
         self.reference_axis = reference_axis.to(self.reference_axis)
 
+    @property
+    def evidence(self) -> Evidence | None:
+        """What the demonstration says of what was learned from it; None before training is finished."""
+        figures = self.evidence_figures.tolist()
+        return Evidence(*figures) if figures else None
+
+    def set_evidence(self, evidence: Evidence) -> None:
+        """Set what the demonstration says of what was learned from it."""
+        self.evidence_figures = self.evidence_figures.new_tensor(astuple(evidence))
+
     def moving_node_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """List the nodes of each instance of a frame so that the node that moved in the demonstration comes first.
 
@@ -97,7 +113,7 @@ class KernelModel(nn.Module):
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # The lengths of these buffers depend on the demonstration and its descriptors, so the stored shape rules.
-        for name in ("spans", "beta", "node_order"):
+        for name in ("spans", "beta", "node_order", "evidence_figures"):
             if prefix + name in state_dict:
                 buffer = getattr(self, name)
                 setattr(self, name, buffer.new_empty(state_dict[prefix + name].shape))

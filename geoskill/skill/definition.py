@@ -104,6 +104,7 @@ class TaskDefinition:
             "descriptor": member.descriptor,
             "error_rows": list(MemberStatus.lost(name, member).rows),
             "unit": member.kernel.unit,
+            "learned": None if member.evidence is None else member.evidence.as_plain(),
             "goal_tolerance": round(float(member.goal.tolerance), 3) if member.goal.is_fitted else None,
             "constrains": member.kernel.error_dim if num_associated else 0,
             "frames": history.frames,

@@ -114,7 +114,8 @@ class ScoredInstances:
             kernel, gather_nodes(kernel, member.attribute(self.graph, "geometry"), index), axis.to(index.device)[None]
         )
         errors: Float[Tensor, "p d"] = kernel.control_error(nodes)
-        confidence = confidences(self.scores, member.reference_margin)
+        reliance = 1.0 if member.evidence is None else member.evidence.reliance
+        confidence = reliance * confidences(self.scores, member.reference_margin)
         node_lists = [
             tuple(
                 Node(node_type, tuple(xy), feature, role)

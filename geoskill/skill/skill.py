@@ -14,6 +14,7 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.graphs.motif_graph import motif_graph
+from geoskill.model.evidence import Evidence
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
@@ -44,6 +45,11 @@ class Skill:
     def top_k(self) -> int:
         """Associations listed per frame and member."""
         return self.spec.top_k
+
+    @property
+    def evidence(self) -> dict[str, Evidence]:
+        """What the demonstration says of each member, by its name; of an unfinished training nothing."""
+        return {name: member.evidence for name, member in self.members.items() if member.evidence is not None}
 
     def __repr__(self) -> str:
         origin = self.provenance

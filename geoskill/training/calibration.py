@@ -1,4 +1,4 @@
-"""What is fitted to the demonstration when training ends: confidence, direction of segments, and the goal."""
+"""What is fitted to the demonstration when training ends: confidence, direction of segments, goal, and evidence."""
 
 from collections.abc import Mapping
 
@@ -8,6 +8,7 @@ from torch import Tensor
 from geoskill.data.transitions import Transitions
 from geoskill.model.confidence import score_margins
 from geoskill.model.kernel_model import KernelModel
+from geoskill.training.evidence import fit_evidence
 from geoskill.training.goal_reference import fit_goal_references
 from geoskill.training.reference_axis import fit_reference_axis
 
@@ -25,11 +26,12 @@ def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) ->
     fit_reference_margin(members, demonstration)
     fit_reference_axis(members, demonstration)
     fit_goal_references(members, demonstration)
+    fit_evidence(members, demonstration)
 
 
 def is_calibration(key: str) -> bool:
     """Return whether an entry of a member's state is fitted by :func:`calibrate`."""
-    return key.endswith((".reference_margin", ".reference_axis")) or ".goal." in key
+    return key.endswith((".reference_margin", ".reference_axis", ".evidence_figures")) or ".goal." in key
 
 
 def uncalibrated(members: Mapping[str, KernelModel], prefix: str) -> dict[str, Tensor]:

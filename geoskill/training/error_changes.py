@@ -35,10 +35,24 @@ def error_changes(member: KernelModel, graph: MotifGraph, change: str) -> Float[
 def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tensor, " m"]:
     """Return the progress of each instance toward the end of the demonstration (:func:`goal_progress`).
 
-    Its error before is the larger of that in the frame and that at the first anchor since which all of its nodes are
-    known; the one in the frame when there is no such anchor. An instance that cannot define the task, because it has an
+    An instance that cannot define the task, because it has an
     unrelated node, or because all of its nodes are on the carried thing or all on the background, has
     :data:`~geoskill.objective.goal.UNRELATED_PROGRESS`.
+    """
+    before, after = errors_at_ends(member, graph)
+    known = _node_values(member, graph, "final_known").all(dim=0)
+    progress = goal_progress(before, after, known, member.kernel.resolution)
+    part = _node_values(member, graph, "part")
+    same = (part == part[0]).all(dim=0) & ((part[0] == Part.THING) | (part[0] == Part.BACKGROUND))
+    hopeless = same | (part == Part.UNRELATED).any(dim=0)
+    return torch.where(hopeless, torch.full_like(progress, UNRELATED_PROGRESS), progress)
+
+
+def errors_at_ends(member: KernelModel, graph: MotifGraph) -> tuple[Float[Tensor, " m"], Float[Tensor, " m"]]:
+    """Return the norm of each instance's control error before, and at the end of the demonstration.
+
+    The one before is the larger of that in the frame and that at the first anchor since which all of its nodes are
+    known; the one in the frame when there is no such anchor. Where the end is not known, it is as in the frame.
     """
     now = error_norm(member.control_errors(graph))
     anchor_xy = member.attribute(graph, "anchor_xy")
@@ -48,13 +62,7 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     nodes = [anchor_xy[role][row, anchor.clamp_max(anchors - 1)] for role, row in rows]
     at_anchor = error_norm(member.kernel.control_error(nodes))
     before = torch.where(anchor < anchors, torch.maximum(now, at_anchor), now)
-    after = error_norm(member.control_errors(graph, "final_xy"))
-    known = _node_values(member, graph, "final_known").all(dim=0)
-    progress = goal_progress(before, after, known, member.kernel.resolution)
-    part = _node_values(member, graph, "part")
-    same = (part == part[0]).all(dim=0) & ((part[0] == Part.THING) | (part[0] == Part.BACKGROUND))
-    hopeless = same | (part == Part.UNRELATED).any(dim=0)
-    return torch.where(hopeless, torch.full_like(progress, UNRELATED_PROGRESS), progress)
+    return before, error_norm(member.control_errors(graph, "final_xy"))
 
 
 def _node_values(member: KernelModel, graph: MotifGraph, name: str) -> Shaped[Tensor, "k m"]:

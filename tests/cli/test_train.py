@@ -86,11 +86,14 @@ def test_files_of_a_run(trained: Any) -> None:
     assert figures["mean_confidence"] == pytest.approx(np.mean(top), abs=1e-5)
     assert np.isfinite(figures["objective"])
     assert 0 <= figures["rsw"] <= 1
+    evidence = figures["evidence"]["p2p_sift"]
+    assert figures["found"] is evidence["found"] is (evidence["approached"] >= 0.5)
 
     definition = yaml.safe_load((folder / "skill.yaml").read_text())
     assert definition["degrees_of_freedom"] == 2
     member = definition["members"]["p2p_sift"]
     assert (member["kernel"], member["descriptor"], member["frames"]) == ("p2p", "sift", FRAMES)
+    assert member["learned"] == evidence
     assert 0 < sum(entry["share"] for entry in member["associations"]) <= 1.0001
 
     checkpoint = torch.load(folder / "skill.ckpt", weights_only=True)
