@@ -98,7 +98,7 @@ class InferCommandConfig(Config):
     """`infer.py`: select associations on every frame of a video, a folder or a camera."""
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
-    video: Any = setting(None, "A video file, a folder of images, or the number of a camera.")
+    video: Any = setting(None, "A video file, a folder of images, the number of a camera, or a URL.")
     frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
