@@ -70,7 +70,7 @@ def write_inference(
                 result = infer(frame.image, features)
                 for line in association_lines(frame, result, skill.members):
                     lines.write(json.dumps(line) + "\n")
-                video.write(results.overlay(frame, result, min_drawn_weight))
+                video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
                 results.add(frame, result)
         except (KeyboardInterrupt, InputError) as error:
             if not (isinstance(error, KeyboardInterrupt) and is_live(source)):
