@@ -4,6 +4,7 @@ import errno
 import functools
 import os
 import sys
+import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -62,6 +63,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
     """
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    give_libraries_a_home()
     warnings.showwarning = _show_warning
 
     def guarded(cfg: DictConfig) -> None:
@@ -103,6 +105,17 @@ def current_run() -> Run:
 def program() -> list[str]:
     """Return how this command was started, without its arguments."""
     return [sys.executable, sys.argv[0]] if sys.argv[0].endswith(".py") else [sys.argv[0]]
+
+
+def give_libraries_a_home() -> None:
+    """Have the folder of temporary files stand in for a home folder where the user has none, as in some containers.
+
+    Weights & Biases and others look for their settings there, and fail without.
+    """
+    try:
+        Path.home()
+    except RuntimeError:
+        os.environ["HOME"] = tempfile.gettempdir()
 
 
 def let_idle_threads_sleep() -> None:

@@ -3,11 +3,13 @@
 import csv
 import json
 import os
+import pwd
 import resource
 import shlex
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,7 +20,7 @@ import pytest
 import torch
 from hydra.errors import ConfigCompositionException
 
-from geoskill.cli.command import explain
+from geoskill.cli.command import explain, give_libraries_a_home
 from geoskill.errors import InputError
 from geoskill.skill.checkpoint import read_skill
 from geoskill.skill.skill import Skill
@@ -281,3 +283,21 @@ def test_training_from_another_folder(environment: dict[str, str], tiny: Sequenc
     assert folder.is_relative_to(tmp_path / "outputs" / "train")
     assert (folder / "skill.ckpt").is_file()
     assert os.listdir(tmp_path) == ["outputs"]
+
+
+def test_user_without_a_home_gets_a_temporary_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_entry(_: int) -> None:
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr(pwd, "getpwuid", no_entry)
+    monkeypatch.delenv("HOME")
+    with pytest.raises(RuntimeError, match="home"):
+        Path.home()
+    give_libraries_a_home()
+    assert Path.home() == Path(tempfile.gettempdir())
+
+
+def test_home_of_the_user_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    give_libraries_a_home()
+    assert os.environ["HOME"] == str(tmp_path)
