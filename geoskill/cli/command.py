@@ -20,6 +20,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from geoskill.cli.compose import configuration_folder, explain_composition, refuse_renamed_keys, register_schemas, typed
+from geoskill.cli.paths import with_literal_paths
 from geoskill.config import Config
 from geoskill.errors import InputError
 
@@ -78,9 +79,10 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             _exit_on_error(work, name)  # here, for Hydra would print a line of its own
 
     def command() -> None:
-        _, unknown = get_args_parser().parse_known_args()
+        options, unknown = get_args_parser().parse_known_args()
         if unknown:
             raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
+        sys.argv[1:] = with_literal_paths(sys.argv[1:], multirun=options.multirun)
         refuse_renamed_keys()
         register_schemas(name, schema)
         hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(

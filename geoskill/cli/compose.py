@@ -21,6 +21,7 @@ from hydra.errors import ConfigCompositionException, HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from geoskill.cli.paths import with_literal_paths
 from geoskill.cli.run_folder import register_new_folder
 from geoskill.cli.schemas import (
     RENAMED,
@@ -140,6 +141,7 @@ def _schema_of(registry: Registry, name: str) -> type:
 def compose_training(*overrides: str) -> TrainCommandConfig:
     """Return the configuration of ``train.py`` with these overrides; outside of a command, or within one."""
     register_schemas("train", TrainCommandConfig)
+    overrides = tuple(with_literal_paths(overrides))
     with contextlib.ExitStack() as stack:
         if not GlobalHydra.instance().is_initialized():
             stack.enter_context(hydra.initialize_config_dir(configuration_folder(), version_base="1.3"))

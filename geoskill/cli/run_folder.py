@@ -11,7 +11,7 @@ from geoskill.errors import InputError
 
 
 def register_new_folder() -> None:
-    """Let the configuration say ``${new_folder:PATH}``, which makes that folder, or one with a number behind it where it is there."""
+    """Let the configuration say ``${new_folder:PATH}``, which makes that folder; see :func:`claim_folder`."""
     # The cache keeps the answer within one configuration, and Hydra hands it on to the runs of a sweep.
     OmegaConf.register_new_resolver("new_folder", claim_folder, use_cache=True, replace=True)
 

@@ -6,6 +6,7 @@ import os
 import pwd
 import resource
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -81,8 +82,13 @@ def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]")
 
 
 @pytest.mark.slow
-def test_ctrl_c_says_how_to_go_on(environment: dict[str, str], tiny: Sequence[str], tmp_path: Path) -> None:
-    run = tmp_path / "a run"  # a space, which the shown command must quote
+def test_ctrl_c_says_how_to_go_on(
+    environment: dict[str, str], tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "Bob's run, (1)"  # which the shown command must quote for the shell
+    video = tmp_path / "müller, [a].d"
+    shutil.copytree(demonstration_folder, video)
+    tiny = [override for override in tiny if not override.startswith("task.path=")] + [f"task.path={video}"]
     many = "trainer.max_epochs=100000", "early_stopping.patience=null", "descriptor=[sift,lbd]"
     process = subprocess.Popen(
         [sys.executable, "train.py", *tiny, *many, f"hydra.run.dir={run}"],
