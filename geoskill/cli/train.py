@@ -42,8 +42,9 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         )
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
     from geoskill.cli.inputs import open_disk_cache, use_threads
+    from geoskill.cli.parts import parts_of
     from geoskill.cli.progress import show_progress
-    from geoskill.cli.sequences import labeled_demonstrations, paths_of
+    from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
     from geoskill.io.arrays import ArrayFrames
     from geoskill.skill.checkpoint import CHECKPOINT, SimulatedScene
@@ -72,7 +73,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             cache=None if store is None else FeatureCache(store),
             progress=show_progress,
             scene=SimulatedScene(config.task.name, config.seed, config.scenario) if simulated else None,
-            count=config.task.num_demonstrations if simulated else len(paths_of(config.task)),
+            count=config.task.num_demonstrations if simulated else len(parts_of(config.task)),
         )
     except TrainingInterruptedError as interruption:
         _say_how_to_go_on(run, run.folder / CHECKPOINT, interruption.epochs)

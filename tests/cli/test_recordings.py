@@ -85,6 +85,21 @@ def test_overlay_has_the_times_of_the_video(
     np.testing.assert_allclose(shown, times, atol=2e-3)
 
 
+@pytest.mark.slow
+def test_episodes_in_one_file(
+    command: Command, tiny: Sequence[str], demonstration_frames: tuple[np.ndarray, ...], working_folder: Path
+) -> None:
+    write_video(working_folder / "both.mp4", demonstration_frames, np.arange(20) / 10)
+    settings = [override for override in tiny if not override.startswith("task.path=")]
+    parts = ("task.path=both.mp4", "task.start=[0,10f]", "task.end=[0.9,2]", "hydra.run.dir=run")
+    ended = command("train", *settings, *parts)
+    assert (ended.status, ended.stderr) == (0, "")
+    figures = json.loads((ended.folder / "metrics.json").read_text())
+    assert (figures["source"], figures["frames"]) == ("both.mp4 (from 0 s, to 0.9 s)", 9)
+    shown = [frame.time_s for frame in VideoFile(ended.folder / "overlay.mp4")]
+    np.testing.assert_allclose(shown, np.arange(9) / 10, atol=2e-3)
+
+
 def test_folder_that_is_not_there_is_no_camera(command: Command, skill: Path, working_folder: Path) -> None:
     for name in ("2024_01_05", "20240105", "1e5", "007"):
         ended = command("infer", f"skill={skill}", f"video={name}", "hydra.run.dir=run")
