@@ -47,6 +47,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
     from geoskill.io.arrays import ArrayFrames
+    from geoskill.io.kept_frames import KeptFrames
     from geoskill.skill.checkpoint import CHECKPOINT, SimulatedScene
     from geoskill.training.learn import TrainingInterruptedError, learn
 
@@ -57,6 +58,8 @@ def train(config: TrainCommandConfig, run: Run) -> None:
 
     def as_source(sequence: "LabeledSequence") -> "FrameSource":
         first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
+        if isinstance(sequence.frames, KeptFrames):
+            return sequence.frames
         pictures = [frame.image for frame in sequence.frames]
         return ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
 

@@ -27,8 +27,9 @@ from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.known_ends import known_ends, with_known_displacements, with_known_trajectories
 from geoskill.tracking.motion import Displacement
+from geoskill.tracking.neighbor_flows import neighbor_flows
 from geoskill.tracking.places import Places, find_places
-from geoskill.tracking.tracks import chain_displacements, neighbor_flows
+from geoskill.tracking.tracks import chain_displacements
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
@@ -120,7 +121,8 @@ class Demonstration(Transitions):
         )
         self._features = {extractor: [features[extractor] for features in extracted] for extractor in pipelines}
         self._require_instances(name)
-        flows = neighbor_flows(frames, gap, progress, threads)
+        trajectory = TrajectoryConfig() if trajectory is None else trajectory
+        flows = neighbor_flows(frames, gap, progress, threads, recent=gap * trajectory.max_gap_hops)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
             extractor: chain_displacements(features, flows, gap, self._spans)
             for extractor, features in self._features.items()
@@ -136,6 +138,7 @@ class Demonstration(Transitions):
             extractor: trajectories(features, flows, gap, shorter_side, trajectory)
             for extractor, features in self._features.items()
         }
+        del flows  # before memory is needed for the places
         self.places = find_places(frames) if use_places else None
         if self.places is not None:
             self._correct(self.places)

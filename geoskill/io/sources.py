@@ -6,8 +6,9 @@ from pathlib import Path
 from geoskill.errors import InputError
 from geoskill.io.camera import Camera
 from geoskill.io.decoding import VIDEO_TYPES
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource
+from geoskill.io.frames import DEFAULT_FRAME_RATE, FrameSource
 from geoskill.io.image_folder import ImageFolder
+from geoskill.io.kept_frames import KeptFrames
 from geoskill.io.video import VideoFile, VideoStream
 
 # Bare small numbers; a larger one, or one with zeros in front, rather is the name of a folder that is not there.
@@ -50,13 +51,12 @@ def is_live(source: FrameSource) -> bool:
     return isinstance(source, Camera) or (isinstance(source, VideoStream) and source.is_live)
 
 
-def read_all(source: FrameSource, minimum: int = 2) -> list[Frame]:
-    """Read all frames of a finite source.
+def read_all(source: FrameSource, minimum: int = 2) -> KeptFrames:
+    """Read all frames of a finite source, unless that has been done.
 
     Raises:
         InputError: when there are fewer than ``minimum``.
     """
-    frames = list(source)
-    if len(frames) < minimum:
-        raise InputError(f"{source.name}: {len(frames)} frame(s); expected at least {minimum}")
-    return frames
+    if isinstance(source, KeptFrames) and len(source) >= minimum:
+        return source
+    return KeptFrames(source, minimum)

@@ -14,6 +14,7 @@ from geoskill.data.demonstrations import Demonstrations
 from geoskill.errors import InputError
 from geoskill.io.arrays import ArrayFrames
 from geoskill.io.frames import FrameSource
+from geoskill.io.kept_frames import Pictures
 from geoskill.io.prefetch import Progress
 from geoskill.io.sources import is_live, open_frames, read_all
 from geoskill.schema import as_plain
@@ -63,7 +64,7 @@ def prepare(
     prepared, names, size = [], [], (0, 0)
     for number, source in enumerate(sources, start=1):
         opened = _opened(source, number)
-        pictures = [frame.image for frame in read_all(opened, minimum=config.demonstration.gap + 1)]
+        pictures = Pictures(read_all(opened, minimum=config.demonstration.gap + 1))
         prepared.append(
             Demonstration(
                 pictures,

@@ -10,7 +10,8 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.flow import track_between
 from geoskill.tracking.motion import Displacement
-from geoskill.tracking.tracks import chain_displacements, neighbor_flows, tracks_to_end
+from geoskill.tracking.neighbor_flows import neighbor_flows
+from geoskill.tracking.tracks import chain_displacements, tracks_to_end
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 STEP = np.array([1.5, -1.0])
