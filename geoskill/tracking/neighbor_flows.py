@@ -5,6 +5,7 @@ are computed whenever they are asked for, from small gray pictures in a temporar
 """
 
 import tempfile
+import weakref
 from collections import OrderedDict, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -23,7 +24,8 @@ KEPT_MB = 1024.0
 # Small pictures that take no more than this stay in memory, too.
 MAX_SPOOLED_BYTES = 64_000_000
 
-Gray = UInt8[np.ndarray, "height width"]
+# At the working size.
+Gray = UInt8[np.ndarray, "h w"]
 
 
 def neighbor_flows(
@@ -81,6 +83,7 @@ class _PictureFile:
 
     def __init__(self) -> None:
         self._file = tempfile.SpooledTemporaryFile(MAX_SPOOLED_BYTES)  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
         self._shape: tuple[int, ...] = ()
         self._count = 0
 

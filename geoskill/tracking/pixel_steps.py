@@ -94,7 +94,7 @@ def _small_labs(
 ) -> Float32[np.ndarray, "s h w 3"]:
     """Return some frames in Lab at the working size."""
     pictures = np.zeros((len(chosen), *_small_lab(frames[0]).shape), np.float32)
-    for number, t in enumerate(chosen):  # not stacked from a list, which would take the memory twice
+    for number, t in enumerate(chosen.tolist()):  # not stacked from a list, which would take the memory twice
         pictures[number] = _small_lab(frames[t])
     return pictures
 
