@@ -24,6 +24,11 @@ class FeaturesConfig(Config):
     min_side: int = setting(
         480, "Pictures with a shorter side of fewer pixels are enlarged to it before extraction; 0: never.", at_least=0
     )
+    max_side: int = setting(
+        720,
+        "Pictures with a shorter side of more pixels are reduced to it before extraction; 0: never.",
+        at_least=0,
+    )
     color: float = setting(
         8.0, "Weight of the colors around a point beside its descriptor; 0: the gray descriptor alone.", at_least=0
     )

@@ -4,6 +4,7 @@ import errno
 import functools
 import os
 import sys
+import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from geoskill.cli.compose import configuration_folder, explain_composition, refuse_renamed_keys, register_schemas, typed
+from geoskill.cli.paths import with_literal_paths
 from geoskill.config import Config
 from geoskill.errors import InputError
 
@@ -62,6 +64,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
     """
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    give_libraries_a_home()
     warnings.showwarning = _show_warning
 
     def guarded(cfg: DictConfig) -> None:
@@ -76,9 +79,10 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             _exit_on_error(work, name)  # here, for Hydra would print a line of its own
 
     def command() -> None:
-        _, unknown = get_args_parser().parse_known_args()
+        options, unknown = get_args_parser().parse_known_args()
         if unknown:
             raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
+        sys.argv[1:] = with_literal_paths(sys.argv[1:], multirun=options.multirun)
         refuse_renamed_keys()
         register_schemas(name, schema)
         hydra.main(version_base="1.3", config_path=configuration_folder(), config_name=name)(
@@ -103,6 +107,17 @@ def current_run() -> Run:
 def program() -> list[str]:
     """Return how this command was started, without its arguments."""
     return [sys.executable, sys.argv[0]] if sys.argv[0].endswith(".py") else [sys.argv[0]]
+
+
+def give_libraries_a_home() -> None:
+    """Have the folder of temporary files stand in for a home folder where the user has none, as in some containers.
+
+    Weights & Biases and others look for their settings there, and fail without.
+    """
+    try:
+        Path.home()
+    except RuntimeError:
+        os.environ["HOME"] = tempfile.gettempdir()
 
 
 def let_idle_threads_sleep() -> None:

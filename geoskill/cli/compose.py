@@ -21,6 +21,8 @@ from hydra.errors import ConfigCompositionException, HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from geoskill.cli.paths import with_literal_paths
+from geoskill.cli.run_folder import register_new_folder
 from geoskill.cli.schemas import (
     RENAMED,
     SimulatedTaskConfig,
@@ -45,12 +47,13 @@ def configuration_folder() -> str:
 
 
 def register_schemas(command: str, schema: type[Config]) -> None:
-    """Tell Hydra the schema of a command, and every choice that is not a file under ``conf/``.
+    """Tell Hydra the schema of a command, every choice that is not a file under ``conf/``, and how folders are named.
 
     Built-in classes are not imported, which would take seconds: kernels and tasks have no arguments, those of networks
     are in the configuration, and those of extractors are read from their source. A plug-in is imported, since its
     arguments are those of its constructor; one that cannot be is left to the message of its use.
     """
+    register_new_folder()
     store = ConfigStore.instance()
     # Hydra copies its sources, the store with all schemas among them, before whatever it looks up, a hundred times for
     # --help; what it takes from the store is a copy anyway.
@@ -138,6 +141,7 @@ def _schema_of(registry: Registry, name: str) -> type:
 def compose_training(*overrides: str) -> TrainCommandConfig:
     """Return the configuration of ``train.py`` with these overrides; outside of a command, or within one."""
     register_schemas("train", TrainCommandConfig)
+    overrides = tuple(with_literal_paths(overrides))
     with contextlib.ExitStack() as stack:
         if not GlobalHydra.instance().is_initialized():
             stack.enter_context(hydra.initialize_config_dir(configuration_folder(), version_base="1.3"))

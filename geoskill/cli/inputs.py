@@ -12,10 +12,9 @@ from geoskill.config import InferenceConfig, SelectionConfig
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
-from geoskill.io.camera import Camera
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import FrameSource
-from geoskill.io.sources import open_frames
+from geoskill.io.sources import is_live, open_frames
 from geoskill.skill.association import InferenceResult, abstain_below
 from geoskill.skill.skill import Skill
 from geoskill.skill.temporal_filter import TemporalFilter
@@ -46,11 +45,11 @@ def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
     """Open frames that come to an end.
 
     Raises:
-        InputError: when they cannot be opened, or are those of a camera.
+        InputError: when they cannot be opened, or are those of a camera or of a live stream.
     """
     source = open_frames(str(path), frame_rate)
-    if isinstance(source, Camera):
-        raise InputError(f"{path} is a camera; expected a video file or a folder of images")
+    if is_live(source):
+        raise InputError(f"{source.name} is a camera; expected a video file or a folder of images")
     return source
 
 

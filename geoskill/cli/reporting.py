@@ -15,9 +15,9 @@ from geoskill.cli.progress import show_progress
 from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.io.atomic import atomic_open
-from geoskill.io.camera import Camera
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
+from geoskill.io.sources import is_live
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import TaskDefinition
@@ -62,7 +62,7 @@ def write_inference(
     with (
         atomic_open(folder / "associations.jsonl") as lines,
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
-        closing(extracted_ahead(skill, frames, threads, live=isinstance(source, Camera))) as extracted,
+        closing(extracted_ahead(skill, frames, threads, live=is_live(source))) as extracted,
     ):
         try:
             total = len(frames) if isinstance(frames, Sized) else None
@@ -70,10 +70,10 @@ def write_inference(
                 result = infer(frame.image, features)
                 for line in association_lines(frame, result, skill.members):
                     lines.write(json.dumps(line) + "\n")
-                video.write(results.overlay(frame, result, min_drawn_weight))
+                video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
                 results.add(frame, result)
         except (KeyboardInterrupt, InputError) as error:
-            if not (isinstance(error, KeyboardInterrupt) and isinstance(source, Camera)):
+            if not (isinstance(error, KeyboardInterrupt) and is_live(source)):
                 if results.frames == 0 or (folder / "associations.jsonl").exists():
                     raise
                 failure = error

@@ -41,6 +41,11 @@ class VideoTaskConfig(Config):
     path: Any = setting(
         None, "A video file or a folder of images; or several, [a.mp4,b.mp4], of which the first is shown and scored."
     )
+    start: Any = setting(
+        None, "Where the demonstration begins: seconds (`2.5`) or frames (`75f`); several, `[0,10]`, as of `path`."
+    )
+    end: Any = setting(None, "Where it ends, in seconds or frames; the frame there is not taken.")
+    stride: int = setting(1, "Of so many frames, one is taken.", at_least=1)
     frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
     regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
@@ -98,7 +103,7 @@ class InferCommandConfig(Config):
     """`infer.py`: select associations on every frame of a video, a folder or a camera."""
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
-    video: Any = setting(None, "A video file, a folder of images, or the number of a camera.")
+    video: Any = setting(None, "A video file, a folder of images, the number of a camera, or a URL.")
     frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)

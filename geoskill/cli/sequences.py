@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from geoskill.cli.inputs import open_recording
-from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig, VideoTaskConfig
+from geoskill.cli.parts import parts_of
+from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig
 from geoskill.cli.scoring import load_labels
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import Labels
@@ -87,25 +87,19 @@ def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) 
         episodes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, task.num_demonstrations + 1))]
         scene = SimulatedScene(task.name, config.seed, config.scenario)
         return (labeled_recording(scene, episode, store) for episode in episodes)
-    paths = paths_of(task)
-    sources = []
-    for path in paths:
-        if not isinstance(path, str | int) or isinstance(path, bool):
-            raise InputError(f"task.path: {path} is no path; expected a folder of images or a video file")
-        sources.append(open_recording(path, task.frame_rate))
-    regions = [task.regions] + [None] * (len(paths) - 1)
+    parts = parts_of(task)
+    if task.regions is not None and parts and not parts[0].is_whole:
+        raise InputError(
+            f"task.regions={task.regions}: numbers the frames of the whole recording; expected none with task.start,"
+            " task.end or task.stride"
+        )
+    sources = [part.open(task.frame_rate) for part in parts]
+    regions = [task.regions] + [None] * (len(parts) - 1)
     minimum = config.demonstration.gap + 1
     return (
         labeled_video(source, own_regions, task.every, minimum=minimum)
         for source, own_regions in zip(sources, regions, strict=True)
     )
-
-
-def paths_of(task: VideoTaskConfig) -> list[object]:
-    """Return the paths of the demonstrations of ``task=video``."""
-    if task.path is None:
-        return []
-    return list(task.path) if isinstance(task.path, list | tuple) else [task.path]
 
 
 def labeled_video(source: FrameSource, regions: str | None, every: int, minimum: int) -> LabeledSequence:

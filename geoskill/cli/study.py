@@ -17,6 +17,7 @@ from typing import Any, Literal, final
 
 import yaml
 
+from geoskill.cli.paths import with_literal_paths
 from geoskill.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -221,4 +222,5 @@ def _folder_name(variant: str) -> str:
 
 
 def _settings(overrides: Sequence[str]) -> list[str]:
-    return [override for override in overrides if override.partition("=")[0] not in LOCATIONS]
+    # The commands store paths as they were quoted for Hydra.
+    return [override for override in with_literal_paths(overrides) if override.partition("=")[0] not in LOCATIONS]

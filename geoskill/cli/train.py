@@ -42,10 +42,12 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         )
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
     from geoskill.cli.inputs import open_disk_cache, use_threads
+    from geoskill.cli.parts import parts_of
     from geoskill.cli.progress import show_progress
-    from geoskill.cli.sequences import labeled_demonstrations, paths_of
+    from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
     from geoskill.io.arrays import ArrayFrames
+    from geoskill.io.kept_frames import KeptFrames
     from geoskill.skill.checkpoint import CHECKPOINT, SimulatedScene
     from geoskill.training.learn import TrainingInterruptedError, learn
 
@@ -56,6 +58,8 @@ def train(config: TrainCommandConfig, run: Run) -> None:
 
     def as_source(sequence: "LabeledSequence") -> "FrameSource":
         first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
+        if isinstance(sequence.frames, KeptFrames):
+            return sequence.frames
         pictures = [frame.image for frame in sequence.frames]
         return ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
 
@@ -72,7 +76,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             cache=None if store is None else FeatureCache(store),
             progress=show_progress,
             scene=SimulatedScene(config.task.name, config.seed, config.scenario) if simulated else None,
-            count=config.task.num_demonstrations if simulated else len(paths_of(config.task)),
+            count=config.task.num_demonstrations if simulated else len(parts_of(config.task)),
         )
     except TrainingInterruptedError as interruption:
         _say_how_to_go_on(run, run.folder / CHECKPOINT, interruption.epochs)

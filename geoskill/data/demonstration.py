@@ -28,8 +28,9 @@ from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.known_ends import known_ends, preference_of, trajectory_of, with_known_displacements
 from geoskill.tracking.motion import Displacement, Trajectory
+from geoskill.tracking.neighbor_flows import neighbor_flows
 from geoskill.tracking.places import Places, find_places
-from geoskill.tracking.tracks import chain_displacements, neighbor_flows
+from geoskill.tracking.tracks import chain_displacements
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
 
@@ -130,7 +131,8 @@ class Demonstration(Transitions):
         )
         self._features = {extractor: [features[extractor] for features in extracted] for extractor in pipelines}
         self._require_instances(name)
-        flows = neighbor_flows(frames, gap, progress, threads)
+        trajectory = TrajectoryConfig() if trajectory is None else trajectory
+        flows = neighbor_flows(frames, gap, progress, threads, recent=gap * trajectory.max_gap_hops)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
             extractor: chain_displacements(features, flows, gap, self._spans)
             for extractor, features in self._features.items()
@@ -141,7 +143,6 @@ class Demonstration(Transitions):
             extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
             for extractor, pipeline in negative_pipelines.items()
         }
-        trajectory = TrajectoryConfig() if trajectory is None else trajectory
         self._trajectories: dict[str, Sequence[Trajectory]] = {}
         for extractor, features in self._features.items():
             if self.places is None:

@@ -162,7 +162,7 @@ def _interpolated(earlier: Polygon, later: Polygon, fraction: float) -> Polygon:
 
 def _read_json(path: str | Path) -> dict[str, Any]:
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")  # without the mark with which some editors begin a file
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; expected a regions file (JSON)") from None
     except (OSError, UnicodeDecodeError) as error:

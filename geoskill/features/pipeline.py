@@ -1,4 +1,4 @@
-"""The feature pipeline: enlarge the frame, extract, keep the best features, convert back to the frame's pixels."""
+"""The feature pipeline: resize the frame, extract, keep the best features, convert back to the frame's pixels."""
 
 import copy
 import hashlib
@@ -14,6 +14,7 @@ from geoskill.features.color import COLOR_DIM, colors_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.preference import MAX_CANDIDATES, FeaturePreference
+from geoskill.geometry.sampling import resized
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
 
@@ -27,6 +28,8 @@ class FeaturePipeline:
         max_features: number of features kept per frame, those with the highest scores.
         min_side: pictures whose shorter side has fewer pixels are enlarged to this before extraction (0: never), since
             detectors miss small structures in small pictures. Coordinates are always returned in the frame's pixels.
+        max_side: pictures whose shorter side has more pixels are reduced to this (0: never), since detection takes time
+            in proportion to their area.
         color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
             its descriptor; 0 for no colors. Extractors without orientation have none.
         cache: keeps extracted features between runs; None for no cache.
@@ -35,7 +38,7 @@ class FeaturePipeline:
         preference: what a share of the features is kept for, in place of the highest scores; None for no share.
 
     Raises:
-        InputError: when ``max_features``, ``min_side`` or ``color`` is out of range.
+        InputError: when ``max_features``, ``min_side``, ``max_side`` or ``color`` is out of range.
     """
 
     def __init__(
@@ -44,6 +47,7 @@ class FeaturePipeline:
         *,
         max_features: int,
         min_side: int,
+        max_side: int = 0,
         color: float = 0.0,
         cache: FeatureCache | None = None,
     ) -> None:
@@ -51,11 +55,14 @@ class FeaturePipeline:
             raise InputError(f"max_features={max_features}: expected at least 2")
         if min_side < 0:
             raise InputError(f"min_side={min_side}: expected 0 (never enlarge) or a number of pixels")
+        if max_side != 0 and max_side < max(1, min_side):
+            raise InputError(f"max_side={max_side}: expected 0 (never reduce) or at least min_side={min_side}")
         if color < 0:
             raise InputError(f"color={color}: expected 0 (none) or more")
         self.extractor = extractor
         self.max_features = max_features
         self.min_side = min_side
+        self.max_side = max_side
         self.color = color if extractor.has_orientation else 0.0
         self.cache = cache
         self.preference: FeaturePreference | None = None
@@ -75,7 +82,7 @@ class FeaturePipeline:
         """Return everything besides the frame that the features depend on, as text."""
         extractor_class = type(self.extractor)
         arguments = sorted(vars(self.extractor).items())
-        settings = f"{self.max_features} {self.min_side} {self.color}"
+        settings = f"{self.max_features} {self.min_side} {self.max_side} {self.color}"
         if self.preference is not None:
             arrays = (*self.preference.groups, self.preference.others)
             settings += " " + hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
@@ -107,10 +114,13 @@ class FeaturePipeline:
     def _described(self, frame: UInt8[np.ndarray, "height width 3"], limit: int) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         height, width = gray.shape
-        factor = max(1.0, self.min_side / min(height, width))
-        if factor > 1.0:
+        shorter = min(height, width)
+        if shorter < self.min_side:
+            factor = self.min_side / shorter
             size = (round(width * factor), round(height * factor))
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
+        elif self.max_side and shorter > self.max_side:
+            gray = resized(np.asarray(gray, np.uint8), self.max_side / shorter)
         features = self.extractor.extract(np.asarray(gray, np.uint8), limit)
         # Not a slice, which would keep the arrays of all detected features in memory.
         features = features.take(np.arange(min(len(features), limit)))

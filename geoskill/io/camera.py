@@ -19,7 +19,7 @@ class Camera(FrameSource):
     loop over the frames has to catch it; the camera is released in any case.
 
     Args:
-        index: number of the camera, from 0.
+        index: number of the camera, from 0, or its device file, such as ``/dev/video0``.
         frame_rate: nominal frames per second; None for the rate that the driver reports.
         max_frames: number of frames after which iteration ends; None for no end.
 
@@ -27,7 +27,7 @@ class Camera(FrameSource):
         InputError: when the camera cannot be opened.
     """
 
-    def __init__(self, index: int, frame_rate: float | None = None, max_frames: int | None = None) -> None:
+    def __init__(self, index: int | str, frame_rate: float | None = None, max_frames: int | None = None) -> None:
         self._index = index
         self._max_frames = max_frames
         capture = self._open()
@@ -42,8 +42,8 @@ class Camera(FrameSource):
 
     @property
     def name(self) -> str:
-        """Return the camera's name, such as ``camera 0``."""
-        return f"camera {self._index}"
+        """Return the camera's name, such as ``camera 0`` or ``/dev/video0``."""
+        return f"camera {self._index}" if isinstance(self._index, int) else self._index
 
     @property
     def frame_rate(self) -> float:

@@ -70,6 +70,11 @@ def validate_frame_rate(frame_rate: float) -> float:
     return float(frame_rate)
 
 
+def size_text(shape: tuple[int, ...]) -> str:
+    """Return the size of a picture of this shape as messages have it, such as ``640x480``."""
+    return f"{shape[1]}x{shape[0]}"
+
+
 def bgr_to_rgb(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"]:
     """Convert a color picture from OpenCV's order of channels to RGB."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)

@@ -5,39 +5,58 @@ from pathlib import Path
 
 from geoskill.errors import InputError
 from geoskill.io.camera import Camera
-from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, FrameSource
-from geoskill.io.video import VIDEO_TYPES, ImageFolder, VideoFile
+from geoskill.io.decoding import VIDEO_TYPES
+from geoskill.io.frames import DEFAULT_FRAME_RATE, FrameSource
+from geoskill.io.image_folder import ImageFolder
+from geoskill.io.kept_frames import KeptFrames
+from geoskill.io.video import VideoFile, VideoStream
+
+# Bare small numbers; a larger one, or one with zeros in front, rather is the name of a folder that is not there.
+CAMERA_NUMBER = re.compile(r"0|[1-9][0-9]?")
+URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*://.+")
 
 
 def open_frames(source: str | Path | int, frame_rate: float | None = None) -> FrameSource:
-    """Open a video, a folder of images, or a camera by its index.
+    """Open a video, a folder of images, a camera by its number or device file, or the address of a stream.
 
-    A string of digits is a camera's index unless a file or folder of that name exists.
+    A number of at most two digits is a camera's unless a file or folder of that name exists.
 
     Raises:
         InputError: when there is no such source, or it cannot be read.
     """
     if isinstance(source, int):
         return Camera(source, frame_rate)
-    path = Path(source)
-    if str(source) and path.is_dir():
+    path, name = Path(source), str(source)
+    try:
+        exists = name != "" and path.exists()
+    except (OSError, ValueError):  # too long, or with a zero byte
+        exists = False
+    if exists and path.is_dir():
         return ImageFolder(path, DEFAULT_FRAME_RATE if frame_rate is None else frame_rate)
-    if path.exists() and str(source):
+    if exists and path.is_char_device():
+        return Camera(name, frame_rate)
+    if exists:
         return VideoFile(path, frame_rate)
-    if re.fullmatch(r"[0-9]+", str(source)):
-        return Camera(int(str(source)), frame_rate)
+    if CAMERA_NUMBER.fullmatch(name):
+        return Camera(int(name), frame_rate)
+    if URL.fullmatch(name):
+        return VideoStream(name, frame_rate)
     raise InputError(
-        f"{str(source)!r} does not exist; expected a video ({VIDEO_TYPES}), a folder of images or a camera's index"
+        f"{name!r} does not exist; expected a video ({VIDEO_TYPES}), a folder of images, a camera's index or a URL"
     )
 
 
-def read_all(source: FrameSource, minimum: int = 2) -> list[Frame]:
-    """Read all frames of a finite source.
+def is_live(source: FrameSource) -> bool:
+    """Return whether the frames come as they are recorded, without an end."""
+    return isinstance(source, Camera) or (isinstance(source, VideoStream) and source.is_live)
+
+
+def read_all(source: FrameSource, minimum: int = 2) -> KeptFrames:
+    """Read all frames of a finite source, unless that has been done.
 
     Raises:
         InputError: when there are fewer than ``minimum``.
     """
-    frames = list(source)
-    if len(frames) < minimum:
-        raise InputError(f"{source.name}: {len(frames)} frame(s); expected at least {minimum}")
-    return frames
+    if isinstance(source, KeptFrames) and len(source) >= minimum:
+        return source
+    return KeptFrames(source, minimum)

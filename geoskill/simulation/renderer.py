@@ -10,6 +10,7 @@ from jaxtyping import Float32, Int16, UInt8
 from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera, focal_length_px
 from geoskill.geometry.poses import Pose, pose
+from geoskill.simulation import REQUESTED_GL, has_libraries
 from geoskill.simulation.shapes import add_mocap_body, set_body_pose
 
 CAMERA = "camera"
@@ -48,7 +49,8 @@ class Renderer:
         height: of the images, pixels.
 
     Raises:
-        InputError: when no OpenGL context is available; names the system packages that provide one.
+        InputError: when no OpenGL context is available; names the variable that asks for one which is not there, or
+            the system packages that provide one.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
@@ -56,10 +58,12 @@ class Renderer:
         try:
             self._renderer = mujoco.Renderer(model, height, width)
         except Exception as error:  # every platform raises errors of its own
-            raise InputError(
-                f"no OpenGL context for rendering ({type(error).__name__}: {error}); expected EGL:"
-                f" sudo apt-get install {SYSTEM_PACKAGES}"
-            ) from error
+            problem = f"no OpenGL context for rendering ({type(error).__name__}: {error})"
+            if REQUESTED_GL not in (None, "egl") and has_libraries("egl"):
+                raise InputError(
+                    f"MUJOCO_GL={REQUESTED_GL}: {problem}; expected MUJOCO_GL=egl, or the variable not to be set"
+                ) from error
+            raise InputError(f"{problem}; expected EGL: sudo apt-get install {SYSTEM_PACKAGES}") from error
 
     def __enter__(self) -> "Renderer":
         return self

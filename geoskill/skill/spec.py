@@ -6,7 +6,7 @@
     extractors: {sift: {name: sift, package: geoskill, arguments: {root: false, ...}}}
     members:    {p2p_sift: {kernel: {name: p2p, ...}, extractors: {point: sift}}}
     model:      {name: message_passing, package: geoskill, arguments: {hidden_dim: 32, ...}}
-    features:   {max_features: 60, min_side: 480, color: 8.0}
+    features:   {max_features: 60, min_side: 480, max_side: 720, color: 8.0}
     top_k: 10
 
 A checkpoint may come from anybody. Everything in it is read as plain values into the dataclasses below, with types
@@ -152,7 +152,10 @@ class SkillSpec:
         model = Part.from_plain(entries["model"], "model")
         if model.name in MODELS:  # whose arguments have types and ranges
             model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
-        settings = mapping_of(entries["features"], "features", tuple(own.name for own in fields(FeaturesConfig)))
+        settings = mapping_of(entries["features"], "features")
+        if "max_side" not in settings:  # a skill from before there was one
+            settings["max_side"] = 0
+        settings = mapping_of(settings, "features", tuple(own.name for own in fields(FeaturesConfig)))
         try:
             features = FeaturesConfig(**settings)
         except InputError as error:

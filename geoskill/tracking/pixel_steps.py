@@ -68,8 +68,7 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     """Compare the RGB pictures of a demonstration; see :class:`PixelSteps`."""
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_PICTURES)).round().astype(np.int64))
-    first = _small(frames[0])
-    pictures = np.stack([_lab(_exposed_as(first, _small(frames[t]))) for t in chosen])
+    pictures = _small_labs(frames, chosen)
     before, after = (np.median(ends, axis=0) for ends in (pictures[:END_PICTURES], pictures[-END_PICTURES:]))
     difference = np.linalg.norm(after - before, axis=2)
     # Light that changes everywhere is no change of a place.
@@ -90,6 +89,17 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
         for end in (before, after)
     )
     return PixelSteps(chosen, before, after, changed, step, inconsistency, moving, like_before, like_after)
+
+
+def _small_labs(
+    frames: Sequence[UInt8[np.ndarray, "height width 3"]], chosen: Int64[np.ndarray, " s"]
+) -> Float32[np.ndarray, "s h w 3"]:
+    """Return some frames in Lab at the working size, exposed as the first of the demonstration."""
+    first = _small(frames[0])
+    pictures = np.zeros((len(chosen), *first.shape), np.float32)
+    for number, t in enumerate(chosen.tolist()):  # not stacked from a list, which would take the memory twice
+        pictures[number] = _lab(_exposed_as(first, _small(frames[t])))
+    return pictures
 
 
 def _small(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:

@@ -19,8 +19,7 @@ from jaxtyping import Bool, Float32
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.io.prefetch import Progress, parallel_map
-from geoskill.tracking.flow import Flow, dense_flow, track_dense
+from geoskill.tracking.flow import Flow, track_dense
 from geoskill.tracking.motion import Displacement
 
 
@@ -42,23 +41,6 @@ class Track:
     tracked: Bool[np.ndarray, " n"]
 
 
-def neighbor_flows(frames: Sequence[np.ndarray], hop: int, progress: Progress, threads: int = 1) -> list[Flow]:
-    """Compute the flow from every frame ``t`` to frame ``t + hop``.
-
-    Args:
-        frames: ``[H, W, 3]`` RGB pictures.
-        hop: number of frames from the first to the second frame of a flow.
-        progress: shows progress over the frames.
-        threads: number of flows computed at once.
-    """
-    starts = range(len(frames) - hop)
-
-    def flow(start: int) -> Flow:
-        return dense_flow(frames[start], frames[start + hop])
-
-    return parallel_map(flow, starts, starts, threads=threads, progress=progress, description="following motion")
-
-
 def chain_displacements(
     features: Sequence[FeatureSet], flows: Sequence[Flow], hop: int, spans: Sequence[int]
 ) -> dict[tuple[int, int], Displacement]:
@@ -66,7 +48,7 @@ def chain_displacements(
 
     Args:
         features: of every frame, all of one type.
-        flows: see :func:`neighbor_flows`.
+        flows: see :func:`~geoskill.tracking.neighbor_flows.neighbor_flows`.
         hop: number of frames from the first to the second frame of a flow.
         spans: positive multiples of ``hop``.
 
@@ -77,8 +59,8 @@ def chain_displacements(
     longest = max(spans) // hop
     last = len(features) - 1
     live: dict[tuple[int, int], list[Track]] = {}
-    for step in range(len(features)):
-        for direction in (1, -1):
+    for direction in (1, -1):  # one after the other, for the flows may be computed as they are asked for
+        for step in range(len(features)):
             here = step if direction == 1 else last - step
             there = here + direction * hop
             if not 0 <= there <= last:

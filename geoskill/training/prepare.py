@@ -13,10 +13,10 @@ from geoskill.data.demonstration import Demonstration
 from geoskill.data.demonstrations import Demonstrations
 from geoskill.errors import InputError
 from geoskill.io.arrays import ArrayFrames
-from geoskill.io.camera import Camera
 from geoskill.io.frames import FrameSource
+from geoskill.io.kept_frames import Pictures
 from geoskill.io.prefetch import Progress
-from geoskill.io.sources import open_frames, read_all
+from geoskill.io.sources import is_live, open_frames, read_all
 from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import Provenance, SimulatedScene
 from geoskill.skill.spec import SkillComponents
@@ -64,7 +64,7 @@ def prepare(
     prepared, names, size = [], [], (0, 0)
     for number, source in enumerate(sources, start=1):
         opened = _opened(source, number)
-        pictures = [frame.image for frame in read_all(opened, minimum=config.demonstration.gap + 1)]
+        pictures = Pictures(read_all(opened, minimum=config.demonstration.gap + 1))
         prepared.append(
             Demonstration(
                 pictures,
@@ -109,7 +109,7 @@ def _opened(source: Source, number: int) -> FrameSource:
         opened = ArrayFrames(source, name=f"demonstration {number}")
     else:
         raise InputError(f"demonstration {number} is {source!r}; expected {DEMONSTRATIONS}")
-    if isinstance(opened, Camera):
+    if is_live(opened):
         raise InputError(f"{opened.name} is a camera; expected a video file or a folder of images")
     return opened
 

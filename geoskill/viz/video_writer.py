@@ -1,6 +1,7 @@
 """Writing of H.264 video that every browser and player shows."""
 
 import math
+from collections.abc import Sequence
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -16,6 +17,10 @@ from geoskill.io.atomic import atomic_path
 
 CONTAINER_SUFFIXES = (".mp4", ".mov", ".mkv")
 # The first one that the installed av was built with; the others encode in software or come with an operating system.
+# Of time stamps; every usual frame rate divides it.
+CLOCK_HZ = 90000
+# Longest time for which the last frame is shown; a recording of few frames ends shortly after its last one, too.
+MAX_LAST_S = 0.1
 H264_ENCODERS = ("libx264", "libopenh264", "h264_videotoolbox", "h264_mf")
 
 
@@ -29,6 +34,10 @@ class VideoWriter:
 
     H.264 with 4:2:0 chroma needs even sizes: an odd one is padded by repeating the last column or row, so pixel
     coordinates stay as they are.
+
+    Args:
+        path: the video file.
+        frame_rate: nominal frames per second: times of frames that are given none.
 
     Raises:
         InputError: when the name's ending is no video container's, its folder does not exist, or the frame rate is
@@ -51,12 +60,18 @@ class VideoWriter:
         self._stream: av.VideoStream | None = None
         self._shape: tuple[int, ...] = ()
         self._count = 0
+        self._last = -1
 
     def __enter__(self) -> "VideoWriter":
         return self
 
-    def write(self, image: UInt8[np.ndarray, "height width 3"]) -> None:
+    def write(self, image: UInt8[np.ndarray, "height width 3"], time_s: float | None = None) -> None:
         """Append a frame.
+
+        Args:
+            image: RGB.
+            time_s: seconds after the first frame; None for the nominal frame rate. It comes after the frame before it
+                by at least a tick of the clock, whatever is given.
 
         Raises:
             ValueError: when it is not 8-bit RGB or not of the first frame's size.
@@ -69,9 +84,11 @@ class VideoWriter:
         padded = np.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge")
         container, stream = self._opened(padded.shape[1], padded.shape[0])
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(padded), format="rgb24")
-        frame.pts = self._count
-        frame.time_base = 1 / self._frame_rate
-        container.mux(stream.encode(frame))
+        due_s = self._count / self._frame_rate if time_s is None else time_s
+        frame.pts = max(round(due_s * CLOCK_HZ), self._last + 1)
+        frame.time_base = Fraction(1, CLOCK_HZ)
+        self._mux(container, stream.encode(frame))
+        self._last = frame.pts
         self._count += 1
 
     def __exit__(
@@ -84,7 +101,13 @@ class VideoWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if error is None and self._container is not None and self._stream is not None:
-            self._container.mux(self._stream.encode(None))
+            self._mux(self._container, self._stream.encode(None))
+
+    def _mux(self, container: av.container.OutputContainer, packets: "Sequence[av.Packet[av.VideoStream]]") -> None:
+        for packet in packets:  # only that of the last one counts
+            if packet.time_base is not None:
+                packet.duration = round(min(float(1 / self._frame_rate), MAX_LAST_S) / packet.time_base)
+        container.mux(packets)
 
     def _opened(self, width: int, height: int) -> tuple[av.container.OutputContainer, av.VideoStream]:
         if self._container is None or self._stream is None:
@@ -97,6 +120,8 @@ class VideoWriter:
             if not isinstance(stream, av.VideoStream):
                 raise RuntimeError(f"encoder {self._encoder} made a {stream.type} stream; expected video")
             stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+            stream.codec_context.time_base = Fraction(1, CLOCK_HZ)
+            stream.codec_context.max_b_frames = 0  # MP4 takes the length from the last packet, not from the last frame
             if self._encoder == "libx264":
                 stream.options = {"crf": "18", "preset": "veryfast"}  # thin lines need the quality
             self._stream = stream

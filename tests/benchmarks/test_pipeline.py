@@ -16,7 +16,7 @@ import torch
 from geoskill.benchmarks.measurement import single_runs
 from geoskill.benchmarks.rates import relative_rate
 from geoskill.benchmarks.stages import EXTRACT, OVERLAPPED, Stages
-from geoskill.io.video import ImageFolder
+from geoskill.io.image_folder import ImageFolder
 from geoskill.skill.skill import Skill
 from geoskill.skill.spec import SkillSpec
 

@@ -3,11 +3,14 @@
 import csv
 import json
 import os
+import pwd
 import resource
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,7 +21,7 @@ import pytest
 import torch
 from hydra.errors import ConfigCompositionException
 
-from geoskill.cli.command import explain
+from geoskill.cli.command import explain, give_libraries_a_home
 from geoskill.errors import InputError
 from geoskill.skill.checkpoint import read_skill
 from geoskill.skill.skill import Skill
@@ -79,8 +82,13 @@ def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]")
 
 
 @pytest.mark.slow
-def test_ctrl_c_says_how_to_go_on(environment: dict[str, str], tiny: Sequence[str], tmp_path: Path) -> None:
-    run = tmp_path / "a run"  # a space, which the shown command must quote
+def test_ctrl_c_says_how_to_go_on(
+    environment: dict[str, str], tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "Bob's run, (1)"  # which the shown command must quote for the shell
+    video = tmp_path / "müller, [a].d"
+    shutil.copytree(demonstration_folder, video)
+    tiny = [override for override in tiny if not override.startswith("task.path=")] + [f"task.path={video}"]
     many = "trainer.max_epochs=100000", "early_stopping.patience=null", "descriptor=[sift,lbd]"
     process = subprocess.Popen(
         [sys.executable, "train.py", *tiny, *many, f"hydra.run.dir={run}"],
@@ -281,3 +289,21 @@ def test_training_from_another_folder(environment: dict[str, str], tiny: Sequenc
     assert folder.is_relative_to(tmp_path / "outputs" / "train")
     assert (folder / "skill.ckpt").is_file()
     assert os.listdir(tmp_path) == ["outputs"]
+
+
+def test_user_without_a_home_gets_a_temporary_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_entry(_: int) -> None:
+        raise KeyError("uid not found")
+
+    monkeypatch.setattr(pwd, "getpwuid", no_entry)
+    monkeypatch.delenv("HOME")
+    with pytest.raises(RuntimeError, match="home"):
+        Path.home()
+    give_libraries_a_home()
+    assert Path.home() == Path(tempfile.gettempdir())
+
+
+def test_home_of_the_user_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    give_libraries_a_home()
+    assert os.environ["HOME"] == str(tmp_path)

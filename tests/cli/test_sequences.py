@@ -59,6 +59,31 @@ def test_first_of_several_videos_is_labeled(demonstration_folder: Path, tmp_path
     assert second.labels is None
 
 
+def test_parts_of_recordings(demonstration_folder: Path) -> None:
+    path = str(demonstration_folder)
+    task = VideoTaskConfig(path=path, start=[0, "10f"], end=["8f", 0.6], stride=2)
+    first, second = demonstrations_of(task)
+    assert first.source.name == f"{path} (from 0 s, to frame 8, every 2 frames)"
+    assert (len(first.frames), len(second.frames)) == (4, 4)  # frames 0, 2, 4, 6 and 10, 12, 14, 16
+    assert second.source.frame_rate == 15.0
+    whole = list(open_recording(path, None))
+    np.testing.assert_array_equal(second.frames[1].image, whole[12].image)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"start": [1, 2, 3]}, r"^task\.path: there are 2; expected one, or 3 as of the others$"),
+        ({"end": "1 minute"}, r"^task\.end=1 minute: expected seconds, such as 2\.5, or frames, such as 75f$"),
+        ({"start": 1, "regions": "a.json"}, r"^task\.regions=a\.json: numbers the frames of the whole recording"),
+        ({"start": 0.6}, r"\(from 0\.6 s\): 2 frame\(s\); expected at least 3$"),
+    ],
+)
+def test_parts_that_do_not_fit(demonstration_folder: Path, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        list(demonstrations_of(VideoTaskConfig(path=[str(demonstration_folder)] * 2, **settings)))
+
+
 @pytest.mark.parametrize("path", [None, {"a": "b"}, True, 1.5, ["a"]])
 def test_paths_of_a_wrong_type(path: Any, demonstration_folder: Path) -> None:
     with pytest.raises(InputError, match=r"^task\.path: .+ is no path; expected a folder of images or a video file$"):

@@ -197,6 +197,13 @@ def test_load_regions_refuses_bad_format(tmp_path: Path, content: Any, message: 
     assert len(str(caught.value)) < len(str(tmp_path)) + 300
 
 
+def test_load_regions_with_byte_order_mark(tmp_path: Path) -> None:
+    region = {"object": [[1, 1], [9, 1], [9, 9]], "target": [], "hand": []}
+    path = tmp_path / "regions.json"
+    path.write_text(json.dumps({"image_size": [20, 10], "frames": {"3": region}}), encoding="utf-8-sig")
+    assert load_regions(path, (20, 10)).first_frame == 3
+
+
 def test_load_regions_refuses_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.json: no such file"):
         load_regions(tmp_path / "absent.json")

@@ -198,6 +198,25 @@ def test_max_features_below_two_is_refused(max_features: int) -> None:
         FeaturePipeline(Sift(), max_features=max_features, min_side=0)
 
 
+@pytest.mark.parametrize("shape", [(720, 1280), (1280, 720), (1080, 1920), (2160, 1215)])
+def test_max_side_reduces_large_pictures_and_keeps_coordinates(shape: tuple[int, int]) -> None:
+    frame = np.full((*shape, 3), 60, np.uint8)
+    square = np.array([200.5, 300.5])  # its top left corner, between pixels
+    frame[301:501, 201:401] = 200
+    pipeline = FeaturePipeline(Orb(), max_features=500, min_side=480, max_side=720)
+    geometry = pipeline.extract(frame).geometry
+    # The detector itself is some two pixels inside.
+    assert np.abs(geometry - square).max(axis=1).min() < 2.5 * min(shape) / 720
+    whole = FeaturePipeline(Orb(), max_features=500, min_side=480).extract(frame)
+    assert (len(geometry) == len(whole) and np.array_equal(geometry, whole.geometry)) == (min(shape) == 720)
+
+
+@pytest.mark.parametrize("max_side", [-1, 479])
+def test_max_side_below_min_side_is_refused(max_side: int) -> None:
+    with pytest.raises(InputError, match=rf"^max_side={max_side}: expected 0 .* or at least min_side=480$"):
+        FeaturePipeline(Sift(), max_features=2, min_side=480, max_side=max_side)
+
+
 def test_negative_min_side_is_refused() -> None:
     with pytest.raises(InputError, match=r"^min_side=-1: expected 0 \(never enlarge\) or a number of pixels$"):
         FeaturePipeline(Sift(), max_features=2, min_side=-1)

@@ -1,5 +1,6 @@
-"""Frames of small folders and videos written here, and the messages for bad input."""
+"""Frames of small videos written here, and the messages for bad input."""
 
+import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from geoskill.errors import InputError
 from geoskill.io.frames import Frame
-from geoskill.io.video import ImageFolder, VideoFile
+from geoskill.io.video import VideoFile
 
 HEIGHT, WIDTH = 48, 64
 
@@ -23,105 +24,44 @@ def plain(level: int, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
     return image
 
 
-def write_image(path: Path, image: np.ndarray) -> None:
-    assert cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-
-
 def write_video(
     path: Path,
     images: Sequence[np.ndarray],
     rate: int = 10,
     ticks: Sequence[int] | None = None,
     options: dict[str, str] | None = None,
+    codec: str | None = None,
+    container: str | None = None,
 ) -> Path:
-    codec = {".webm": "libvpx", ".avi": "mpeg4"}.get(path.suffix, "libx264")
-    with av.open(str(path), "w", options=options or {}) as container:
-        stream = container.add_stream(codec, rate=rate)
+    codec = codec or {".webm": "libvpx", ".avi": "mpeg4"}.get(path.suffix, "libx264")
+    pixels = {"gif": "rgb8", "apng": "rgb24"}.get(codec, "yuv420p")
+    with av.open(str(path), "w", format=container, options=options or {}) as output:
+        stream = output.add_stream(codec, rate=rate)
         assert isinstance(stream, av.VideoStream)
         stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
+        stream.pix_fmt = pixels
         stream.bit_rate = 2_000_000
         for position, image in enumerate(images):
-            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format=pixels)
             frame.pts = position if ticks is None else ticks[position]
             frame.time_base = Fraction(1, rate)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode(None))
     return path
+
+
+def state_duration(path: Path, duration_ms: float) -> None:
+    """Replace the duration of a Matroska file (RFC 9559, 5.1.2.10: element 4489, 8 bytes, a float of milliseconds)."""
+    data = bytearray(path.read_bytes())
+    start = data.index(b"\x44\x89\x88") + 3
+    data[start : start + 8] = struct.pack(">d", duration_ms)
+    path.write_bytes(data)
 
 
 def noise(count: int) -> list[np.ndarray]:
     """Return frames that do not compress, so that each takes up a large share of the file."""
     random = np.random.default_rng(0)
     return [random.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(count)]
-
-
-class TestImageFolder:
-    def test_frames_come_in_natural_order_with_exact_pixels_and_times(self, tmp_path: Path) -> None:
-        for number in (10, 2, 1):
-            write_image(tmp_path / f"frame{number}.png", plain(number))
-        (tmp_path / "notes.txt").write_text("no picture")
-        (tmp_path / ".frame3.png").write_text("some systems leave such a file beside a picture")
-        frames = list(ImageFolder(tmp_path, frame_rate=4.0))
-        assert [int(frame.image[0, -1, 0]) for frame in frames] == [1, 2, 10]
-        assert [frame.index for frame in frames] == [0, 1, 2]
-        assert [frame.time_s for frame in frames] == [0.0, 0.25, 0.5]
-        np.testing.assert_array_equal(frames[2].image, plain(10))
-
-    def test_can_be_read_repeatedly_and_lazily(self, tmp_path: Path) -> None:
-        write_image(tmp_path / "1.png", plain(1))
-        (tmp_path / "2.png").write_bytes(b"broken")
-        folder = ImageFolder(tmp_path)
-        for _ in range(2):
-            np.testing.assert_array_equal(next(iter(folder)).image, plain(1))
-        assert folder.frame_rate == 30.0
-        assert folder.name == str(tmp_path)
-
-    @pytest.mark.parametrize("suffix", [".jpg", ".jpeg", ".PNG", ".bmp", ".webp", ".tif"])
-    def test_every_type_is_read_in_rgb(self, tmp_path: Path, suffix: str) -> None:
-        write_image(tmp_path / f"1{suffix}", plain(120))
-        (frame,) = ImageFolder(tmp_path)
-        assert frame.image.shape == (HEIGHT, WIDTH, 3)
-        assert np.abs(frame.image.astype(int) - plain(120))[:, [0, 10, 50, 63]].max() <= 12  # away from the edge
-
-    def test_gray_pictures_become_rgb(self, tmp_path: Path) -> None:
-        assert cv2.imwrite(str(tmp_path / "1.png"), np.full((4, 6), 77, np.uint8))
-        (frame,) = ImageFolder(tmp_path)
-        np.testing.assert_array_equal(frame.image, np.full((4, 6, 3), 77))
-
-    @pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".webp", ".tif"])
-    def test_truncated_image_is_named(self, tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
-        path = tmp_path / f"2{suffix}"
-        write_image(path, noise(1)[0])
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        with pytest.raises(InputError, match=rf"2\{suffix}: not a readable image, or damaged"):
-            list(ImageFolder(tmp_path))
-        assert "[ERROR" not in capfd.readouterr().err
-
-    def test_empty_image_is_named(self, tmp_path: Path) -> None:
-        (tmp_path / "2.jpg").write_bytes(b"")
-        with pytest.raises(InputError, match=r"2\.jpg: not a readable image, or damaged; expected jpg, jpeg, png"):
-            list(ImageFolder(tmp_path))
-
-    def test_other_size_names_the_file_and_both_sizes(self, tmp_path: Path) -> None:
-        write_image(tmp_path / "1.png", plain(1))
-        write_image(tmp_path / "2.png", plain(1, height=24, width=32))
-        with pytest.raises(InputError, match=r"2\.png: the image is 32x24 pixels; expected 64x48 like 1\.png"):
-            list(ImageFolder(tmp_path))
-
-    def test_folder_without_images(self, tmp_path: Path) -> None:
-        (tmp_path / "notes.txt").write_text("no picture")
-        with pytest.raises(InputError, match=rf"{tmp_path.name}: the folder holds no image; expected jpg"):
-            ImageFolder(tmp_path)
-
-    def test_no_folder(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match=r"absent: no such folder"):
-            ImageFolder(tmp_path / "absent")
-
-    @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
-    def test_frame_rate_must_be_positive(self, tmp_path: Path, rate: float) -> None:
-        with pytest.raises(InputError, match=r"frame_rate is .*; expected a positive number"):
-            ImageFolder(tmp_path, rate)
 
 
 class TestVideoFile:
@@ -141,9 +81,40 @@ class TestVideoFile:
                 inside = frame.image[:, [4, 60]].astype(int)
                 np.testing.assert_allclose(inside, plain(level)[:, [4, 60]], atol=12)
 
+    @pytest.mark.parametrize(
+        ("name", "codec", "container"),
+        [
+            ("demo.m4v", "libx264", "mp4"),
+            ("demo", "libx264", "mp4"),
+            ("demo.txt", "libx264", "mp4"),
+            ("12:30.mp4", "libx264", "mp4"),
+            ("100%03d.mp4", "libx264", "mp4"),
+            ("demo.3gp", "libx264", "3gp"),
+            ("demo.ts", "libx264", "mpegts"),
+            ("demo.mts", "libx264", "mpegts"),
+            ("demo.mpg", "mpeg2video", "vob"),
+            ("demo.wmv", "wmv2", "asf"),
+            ("demo.gif", "gif", "gif"),
+            ("demo.png", "apng", "apng"),
+        ],
+    )
+    def test_content_decides_not_the_name(self, tmp_path: Path, name: str, codec: str, container: str) -> None:
+        levels = [40, 80, 120, 160, 200]
+        path = write_video(tmp_path / name, [plain(level) for level in levels], 25, codec=codec, container=container)
+        frames = list(VideoFile(path))
+        np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(5) / 25, atol=2e-3)
+        grays = [int(frame.image[24, 60, 1]) for frame in frames]
+        np.testing.assert_allclose(grays, levels, atol=24)  # of the 256 colors of a GIF
+
     def test_times_are_those_in_the_file_relative_to_the_first_frame(self, tmp_path: Path) -> None:
         path = write_video(tmp_path / "demo.mkv", noise(3), ticks=[5, 6, 9])
         assert [frame.time_s for frame in VideoFile(path)] == pytest.approx([0.0, 0.1, 0.4])
+
+    def test_rate_that_the_file_does_not_state_is_that_of_its_frames(self, tmp_path: Path) -> None:
+        path = write_video(tmp_path / "held.webm", noise(8), 1000, ticks=[133 * position for position in range(8)])
+        source = VideoFile(path)
+        assert source.frame_rate == pytest.approx(1000 / 133)
+        assert [frame.time_s for frame in source] == pytest.approx([0.133 * position for position in range(8)])
 
     def test_given_frame_rate_overrides_the_files_but_not_the_times(self, tmp_path: Path) -> None:
         source = VideoFile(write_video(tmp_path / "demo.mp4", noise(3)), frame_rate=25.0)
@@ -182,10 +153,20 @@ class TestVideoFile:
         with pytest.raises(InputError, match=r"absent\.mp4: no such file; expected a video \(mp4, mov, avi"):
             VideoFile(tmp_path / "absent.mp4")
 
-    def test_unsupported_type(self, tmp_path: Path) -> None:
-        (tmp_path / "notes.txt").write_text("no video")
-        with pytest.raises(InputError, match=r"notes\.txt: unsupported type '\.txt'; expected a video \(mp4"):
-            VideoFile(tmp_path / "notes.txt")
+    @pytest.mark.parametrize("name", ["notes.txt", "notes.mp4", "notes"])
+    def test_text_is_no_video(self, tmp_path: Path, name: str) -> None:
+        (tmp_path / name).write_text("no video\n" * 500)  # FFmpeg would draw the first one
+        with pytest.raises(
+            InputError, match=rf"{name}: .*; expected a .*video.* \(mp4, mov, avi, webm, mkv or whatever"
+        ):
+            VideoFile(tmp_path / name)
+
+    def test_picture_is_no_video(self, tmp_path: Path) -> None:
+        assert cv2.imwrite(str(tmp_path / "1.jpg"), plain(120))
+        with pytest.raises(
+            InputError, match=r"1\.jpg: a single picture; expected a video \(mp4.*or a folder of images"
+        ):
+            VideoFile(tmp_path / "1.jpg")
 
     def test_file_that_is_not_a_video(self, tmp_path: Path) -> None:
         (tmp_path / "fake.mp4").write_text("no video " * 500)
@@ -238,6 +219,24 @@ class TestVideoFile:
         path = write_video(tmp_path / name, noise(40))
         path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
         with pytest.raises(InputError, match=rf"{name}: the video breaks at frame \d+: 1\.\d of 4\.0 s are missing"):
+            list(VideoFile(path))
+
+    @pytest.mark.parametrize("name", ["late.mkv", "late.webm"])
+    @pytest.mark.parametrize("writer", ["from zero", "from the first time stamp"])
+    def test_matroska_that_begins_late(self, tmp_path: Path, name: str, writer: str) -> None:
+        """Its duration may or may not include the ten seconds before its first time stamp."""
+        path = write_video(tmp_path / name, noise(40), ticks=range(100, 140))
+        if writer == "from the first time stamp":
+            state_duration(path, 4000.0)
+        frames = list(VideoFile(path))
+        assert [frame.time_s for frame in frames] == pytest.approx(np.arange(40) / 10, abs=2e-3)
+
+    @pytest.mark.parametrize("duration_ms", [14000.0, 4000.0])
+    def test_matroska_that_begins_late_and_is_truncated(self, tmp_path: Path, duration_ms: float) -> None:
+        path = write_video(tmp_path / "cut.mkv", noise(40), ticks=range(100, 140))
+        state_duration(path, duration_ms)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+        with pytest.raises(InputError, match=r"cut\.mkv: the video breaks at frame \d+: 1\.\d of \d+\.0 s are missing"):
             list(VideoFile(path))
 
     def test_damaged_in_the_middle(self, tmp_path: Path) -> None:

@@ -73,6 +73,32 @@ except InputError as error:
     assert completed.stdout.endswith(f"sudo apt-get install {SYSTEM_PACKAGES}\n")
 
 
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("backend", ["no-such", "glx", "disable"])
+def test_backend_that_cannot_work_is_named(backend: str) -> None:
+    program = """
+import os
+import geoskill.simulation.scene
+import mujoco
+from geoskill.errors import InputError
+from geoskill.simulation.renderer import Renderer
+try:
+    Renderer(mujoco.MjSpec().compile(), 64, 48)
+except InputError as error:
+    print(error)
+print(os.environ["MUJOCO_GL"])
+"""
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    environment |= {"PYTHONPATH": str(Path(geoskill.__file__).parents[1]), "MUJOCO_GL": backend}
+    completed = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    message, left = completed.stdout.splitlines()
+    assert message.startswith(f"MUJOCO_GL={backend}: no OpenGL context for rendering (")
+    assert message.endswith("); expected MUJOCO_GL=egl, or the variable not to be set")
+    assert left == backend
+
+
 def test_camera_intrinsics_match_the_vertical_field_of_view() -> None:
     camera = camera_intrinsics(640, 480)
     slope = np.tan(np.radians(VERTICAL_VIEW_DEG / 2))

@@ -79,7 +79,7 @@ PLAIN = {
         }
     },
     "model": {"name": "bilinear", "package": "geoskill", "arguments": {"hidden_dim": 4}},
-    "features": {"max_features": 9, "min_side": 33, "color": 0.0},
+    "features": {"max_features": 9, "min_side": 33, "max_side": 720, "color": 0.0},
     "top_k": 7,
 }
 
@@ -373,6 +373,10 @@ def test_from_plain_refuses_arguments_that_are_not_plain(path: tuple[str, ...], 
     assert refused(changed(*path, "own", to=value)) == f"the skill's {where}.own is {value!r}; expected a plain value"
 
 
+def test_skill_without_max_side_never_reduces_pictures() -> None:
+    assert SkillSpec.from_plain(changed("features", "max_side", to=REMOVED)).features.max_side == 0
+
+
 @pytest.mark.parametrize("path", CLOSED, ids=".".join)
 def test_from_plain_refuses_missing_and_unknown_entries(path: tuple[str, ...]) -> None:
     where = ".".join(path)
@@ -380,7 +384,7 @@ def test_from_plain_refuses_missing_and_unknown_entries(path: tuple[str, ...]) -
     for key in path:
         entries = entries[key]
     known = ", ".join(entries)
-    for missing in entries:
+    for missing in entries.keys() - {"max_side"}:  # which skills of earlier versions lack
         left = ", ".join(key for key in entries if key != missing)
         assert refused(changed(*path, missing, to=REMOVED)) == f"the skill's {where} has {left}; expected {known}"
     message = f"the skill's {where} has {known}, unknown; expected {known}"

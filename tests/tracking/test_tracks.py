@@ -1,7 +1,5 @@
 """Tracking over several spans at once, on a pattern that moves by a known amount."""
 
-from collections.abc import Iterable, Sequence
-
 import cv2
 import numpy as np
 import pytest
@@ -10,7 +8,8 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.flow import track_between
 from geoskill.tracking.motion import Displacement
-from geoskill.tracking.tracks import chain_displacements, neighbor_flows, tracks_to_end
+from geoskill.tracking.neighbor_flows import neighbor_flows
+from geoskill.tracking.tracks import chain_displacements, tracks_to_end
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 STEP = np.array([1.5, -1.0])
@@ -140,17 +139,6 @@ def test_chain_displacements_of_frames_without_features(frames: list[np.ndarray]
     assert len(displacements) == 2 * (7 + 5)
     assert {tuple(displacement.next_geometry.shape) for displacement in displacements.values()} == {(0, 4)}
     assert {tuple(displacement.tracked.shape) for displacement in displacements.values()} == {(0,)}
-
-
-def test_neighbor_flows_shows_progress_over_the_flows(frames: list[np.ndarray]) -> None:
-    shown = []
-
-    def progress(items: Sequence[int], description: str) -> Iterable[int]:
-        shown.append((list(items), description))
-        return items
-
-    assert len(neighbor_flows(frames, 2, progress)) == FRAMES - 2
-    assert shown == [(list(range(FRAMES - 2)), "following motion")]
 
 
 def test_tracks_to_end_are_sorted_and_end_within_a_hop_of_the_last_frame(frames: list[np.ndarray]) -> None:

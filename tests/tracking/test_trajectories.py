@@ -7,7 +7,7 @@ import pytest
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.motion import Trajectory
-from geoskill.tracking.tracks import neighbor_flows
+from geoskill.tracking.neighbor_flows import neighbor_flows
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import TrajectoryConfig
 

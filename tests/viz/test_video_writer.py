@@ -63,6 +63,35 @@ def test_fractional_rate_of_television(tmp_path: Path) -> None:
         assert (rate.numerator, rate.denominator) == (30000, 1001)
 
 
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+@pytest.mark.parametrize(
+    ("times", "frame_rate"),
+    [
+        ([0.0, 0.033, 0.067, 0.5, 0.6, 1.5, 1.533], 30.0),  # a phone in the dark
+        ([0.0, 2.0, 4.0, 6.0], 0.5),  # a time lapse
+        ([0.133 * number for number in range(8)], 1 / 0.133),
+    ],
+    ids=["variable", "slow", "held"],
+)
+def test_frames_keep_their_times(tmp_path: Path, suffix: str, times: list[float], frame_rate: float) -> None:
+    path = tmp_path / f"overlay{suffix}"
+    with VideoWriter(path, frame_rate) as writer:
+        for image, time_s in zip(pictures(len(times)), times, strict=True):
+            writer.write(image, time_s)
+    assert [frame.time_s for frame in VideoFile(path)] == pytest.approx(times, abs=1e-3)
+    with av.open(str(path)) as container:
+        assert container.duration is not None
+        assert container.duration / av.time_base == pytest.approx(times[-1] + min(1 / frame_rate, 0.1), abs=2e-3)
+
+
+def test_frames_at_one_time_follow_each_other(tmp_path: Path) -> None:
+    path = tmp_path / "overlay.mp4"
+    with VideoWriter(path, 30.0) as writer:
+        for image, time_s in zip(pictures(4), [0.0, 0.5, 0.5, 0.4], strict=True):
+            writer.write(image, time_s)
+    assert [frame.time_s for frame in VideoFile(path)] == pytest.approx([0.0, 0.5, 0.5, 0.5], abs=1e-3)
+
+
 @pytest.mark.parametrize("kind", [RuntimeError, KeyboardInterrupt])
 def test_failure_leaves_the_earlier_file_and_nothing_else(tmp_path: Path, kind: type[BaseException]) -> None:
     path = tmp_path / "overlay.mp4"
