@@ -1,5 +1,6 @@
 """The feature pipeline: enlarge the frame, extract, keep the highest scores, convert back to the frame's pixels."""
 
+import math
 from typing import final
 
 import cv2
@@ -14,6 +15,10 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
 
+# A strip is enlarged no further than to so many squares of the shorter side that others are enlarged to: one of 200 x 1
+# pixels would become 46 million, and the detectors take some hundred bytes for each.
+MAX_ENLARGED_SQUARES = 4
+
 
 @final
 class FeaturePipeline:
@@ -23,7 +28,8 @@ class FeaturePipeline:
         extractor: detects and describes features.
         max_features: number of features kept per frame, those with the highest scores.
         min_side: pictures whose shorter side has fewer pixels are enlarged to this before extraction (0: never), since
-            detectors miss small structures in small pictures. Coordinates are always returned in the frame's pixels.
+            detectors miss small structures in small pictures; strips that are more than four times as long as wide
+            are enlarged less. Coordinates are always returned in the frame's pixels.
         color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
             its descriptor; 0 for no colors. Extractors without orientation have none.
         cache: keeps extracted features between runs; None for no cache.
@@ -81,7 +87,8 @@ class FeaturePipeline:
     def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         height, width = gray.shape
-        factor = max(1.0, self.min_side / min(height, width))
+        factor = self.min_side / min(height, width)
+        factor = max(1.0, min(factor, self.min_side * math.sqrt(MAX_ENLARGED_SQUARES / (height * width))))
         if factor > 1.0:
             size = (round(width * factor), round(height * factor))
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)

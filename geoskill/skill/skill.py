@@ -20,6 +20,7 @@ from geoskill.skill.association import InferenceResult
 from geoskill.skill.checkpoint import Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
 from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
+from geoskill.skill.weights import require_fit
 
 
 @final
@@ -151,6 +152,7 @@ def build_stored(stored: StoredSkill, cache: FeatureCache | None = None) -> Skil
         InputError: when a part is not installed here, or the weights do not fit.
     """
     try:
+        require_fit(stored.spec, stored.weights)
         components = build_skill(stored.spec, cache)
         for name, member in components.members.items():
             member.load_state_dict(dict(stored.weights[name]))

@@ -344,7 +344,10 @@ def test_learn_refuses_a_demonstration_in_which_nothing_moves(
         ({"descriptor": "lbd"}, "kernel=p2p joins a point, and lbd describes a line; expected a descriptor of a point"),
         ({"model": "large"}, "model=large: no such model; expected one of "),
         ({"model": {"name": "bilinear", "hidden": 8}}, "model=bilinear has no argument 'hidden'; expected hidden_dim$"),
-        ({"model": {"name": "bilinear", "hidden_dim": 0}}, "hidden_dim=0: expected a whole number of at least 1$"),
+        (
+            {"model": {"name": "bilinear", "hidden_dim": 0}},
+            "hidden_dim=0: expected a whole number of at least 1 and at most 4096$",
+        ),
         (
             {"model": {"name": "message_passing", "cascade": 3}},
             "cascade=3: expected at least top_k=4, the assoc",
