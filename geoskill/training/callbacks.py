@@ -17,6 +17,7 @@ from geoskill.io.atomic import atomic_open, atomic_path
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.checkpoint import Provenance, skill_entry
 from geoskill.skill.spec import SkillSpec
+from geoskill.skill.weights import require_finite
 from geoskill.training.calibration import fit_reference_margin
 
 
@@ -91,7 +92,11 @@ class SkillRecord(Callback):
         self._take_in(trainer, trainer.current_epoch + 1)
 
     def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
-        """Complete what is about to be written."""
+        """Complete what is about to be written.
+
+        Raises:
+            InputError: when a weight or a margin is not finite; nothing is written then.
+        """
         done, wanted = self.provenance.epochs
         finished = done > 0 and (trainer.should_stop or done >= wanted)
         if finished:
@@ -107,6 +112,7 @@ class SkillRecord(Callback):
             for key, weight in checkpoint["state_dict"].items():
                 if key.endswith(".reference_margin"):
                     checkpoint["state_dict"][key] = torch.zeros_like(weight)
+        require_finite(checkpoint["state_dict"])
         self.provenance = replace(self.provenance, finished=finished)
         checkpoint["skill"] = skill_entry(self.spec, self.provenance)
 

@@ -20,6 +20,7 @@ from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import Provenance, read_skill
 from geoskill.skill.skill import Skill
 from geoskill.training.callbacks import MetricsTable, SkillRecord
+from geoskill.training.divergence import DivergenceGuard
 from geoskill.training.learn import LearnedSkill
 from geoskill.training.trainer import build_trainer
 
@@ -228,8 +229,11 @@ def test_callbacks_are_in_the_order_in_which_they_depend_on_each_other(
     config = configured(early_stopping=EarlyStoppingConfig(patience=1))
     provenance = Provenance(("tiles",), (160, 120), date="", version="", seed=0)
     record = SkillRecord(training.spec, provenance, training.demonstration)
-    trainer = build_trainer(config, MetricsTable(), record, tmp_path / "skill.ckpt", (), progress_bar=False)
+    trainer = build_trainer(
+        config, DivergenceGuard(), MetricsTable(), record, tmp_path / "skill.ckpt", (), progress_bar=False
+    )
     assert [type(callback).__name__ for callback in trainer.callbacks] == [
+        "DivergenceGuard",
         "MetricsTable",
         "EMAWeightAveraging",
         "EarlyStopping",
