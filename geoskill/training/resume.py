@@ -6,7 +6,7 @@ from typing import Any
 from torch import nn
 
 from geoskill.config import TrainConfig
-from geoskill.errors import InputError
+from geoskill.errors import InputError, shown
 from geoskill.model.kernel_model import KernelModel
 from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import StoredSkill
@@ -27,6 +27,7 @@ def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count:
         raise InputError(
             f"{stored.path}: holds a skill, but not the state of its training; expected init_from={stored.path}"
         )
+    _require_state(stored)
     _require_same_parts(stored, spec, free=())
     if stored.provenance.scene != scene:
         raise InputError(
@@ -79,6 +80,29 @@ def initialize(members: Mapping[str, KernelModel], spec: SkillSpec, stored: Stor
         except RuntimeError as error:
             message = " ".join(str(error).split())[:200]
             raise InputError(f"{stored.path}: its weights do not fit its specification ({message})") from error
+
+
+def _require_state(stored: StoredSkill) -> None:
+    """Refuse what is no state of a training, as far as this package reads it; Lightning reads the rest.
+
+    Raises:
+        InputError: in that case.
+    """
+    rows: object = []
+    callbacks = stored.contents["callbacks"]
+    if isinstance(callbacks, Mapping):
+        table = callbacks.get("MetricsTable", {"rows": []})
+        rows = table.get("rows") if isinstance(table, Mapping) else None
+    is_table = isinstance(rows, list) and all(
+        isinstance(row, Mapping) and all(isinstance(name, str) and type(row[name]) in (int, float) for name in row)
+        for row in rows
+    )
+    steps = stored.contents["global_step"]
+    if not (is_table and isinstance(callbacks, Mapping) and type(steps) is int and steps >= 0):
+        raise InputError(
+            f"{stored.path}: the state of its training has callbacks {shown(callbacks)} and global_step {shown(steps)};"
+            " expected those of a training of this program"
+        )
 
 
 def _require_same_parts(stored: StoredSkill, spec: SkillSpec, free: Sequence[str]) -> None:

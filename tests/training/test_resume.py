@@ -461,3 +461,38 @@ def test_init_from_weights_that_do_not_fit_is_refused(
     with pytest.raises(InputError, match=rf"^{path}: its weights do not fit its specification \(.+\)$") as caught:
         learn_unchecked(configured(model=NETWORK), pictures, init_from=path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("callbacks",), None),
+        (("callbacks", "MetricsTable", "rows"), {"_target_": "os.getcwd"}),
+        (("callbacks", "MetricsTable", "rows", 0, "step"), "x"),
+        (("global_step",), -1),
+        (("loops", "fit_loop", "epoch_progress", "current", "processed"), "x"),
+        (("optimizer_states", 0, "param_groups", 0, "lr"), "${oc.env:HOME}"),
+        (("optimizer_states", 0, "state", 0), {"_target_": "os.getcwd"}),
+        (("current_model_state",), []),
+    ],
+)
+@pytest.mark.usefixtures("annotations_unchecked")
+def test_damaged_state_of_a_training_is_refused(
+    learn_unchecked: Learn,
+    configured: Configured,
+    pictures: np.ndarray,
+    finished: Path,
+    tmp_path: Path,
+    where: tuple[Any, ...],
+    value: Any,
+) -> None:
+    """Whether this package reads it or Lightning does."""
+    contents = entries = torch.load(finished, weights_only=True)
+    for key in where[:-1]:
+        entries = entries[key]
+    entries[where[-1]] = value
+    path = tmp_path / "damaged.ckpt"
+    torch.save(contents, path)
+    with pytest.raises(InputError, match=rf"^{path}: the state of its training .+; expected ") as caught:
+        learn_unchecked(configured(2, model=NETWORK), pictures, resume=path)
+    assert "\n" not in str(caught.value)
