@@ -154,7 +154,7 @@ class VideoFile(FrameSource):
 
     def _open(self) -> av.container.InputContainer:
         try:
-            return av.open(str(self._path))
+            return av.open(str(self._path), metadata_errors="replace")  # a title may be in any encoding
         except av.error.FFmpegError as error:
             problem = "the file is empty" if self._path.stat().st_size == 0 else f"not readable ({error.strerror})"
             raise InputError(f"{self._path}: {problem}; expected a complete video file") from error

@@ -366,3 +366,9 @@ def test_learn_refuses_a_wrong_configuration(
     with pytest.raises(InputError, match=f"^{message}") as caught:
         learn_unchecked(configured(**settings), pictures)
     assert "\n" not in str(caught.value)
+
+
+def test_three_frames_are_enough(learn_unchecked: Learn, configured: Configured, pictures: np.ndarray) -> None:
+    """One transition there and, with negatives drawn for each, one back."""
+    config = configured(1, demonstration={"max_span_ratio": 0, "num_negatives": 2})
+    assert learn_unchecked(config, pictures[:3]).metrics["steps"] >= 1
