@@ -7,9 +7,10 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO, TypeVar, final
+from typing import Final, TextIO, TypeVar, final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -26,6 +27,8 @@ UNUSABLE_INPUT = 2
 FAILURE = 1
 INTERRUPTED = 130
 FAILED_RUN = "error.txt"
+HELD: Final = ExitStack()
+"""What a command keeps until it ends."""
 
 C = TypeVar("C", bound=Config)
 
@@ -86,7 +89,8 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             functools.wraps(job)(guarded)
         )()
 
-    _exit_on_error(command, name)
+    with HELD:
+        _exit_on_error(command, name)
 
 
 def current_run() -> Run:
