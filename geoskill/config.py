@@ -15,6 +15,8 @@ from geoskill.schema import setting
 from geoskill.tuning import NegativesConfig, TemporalFilterConfig, TrajectoryConfig
 
 MAX_TOP_K = 1000
+# A picture in a hundred seconds; a high-speed camera. Encoders take no others.
+MIN_FRAME_RATE, MAX_FRAME_RATE = 0.01, 10_000.0
 
 
 @final

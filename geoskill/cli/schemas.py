@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, final
 
 from geoskill.config import (
+    MAX_FRAME_RATE,
+    MIN_FRAME_RATE,
     BilinearConfig,
     Config,
     Learning,
@@ -18,6 +20,8 @@ from geoskill.config import (
 )
 from geoskill.plugins import EXTRACTORS
 from geoskill.schema import WORDS, markdown_table, reference_table, setting
+
+FRAME_RATES: Mapping[str, float] = {"at_least": MIN_FRAME_RATE, "at_most": MAX_FRAME_RATE}
 
 
 @final
@@ -41,7 +45,9 @@ class VideoTaskConfig(Config):
     path: Any = setting(
         None, "A video file or a folder of images; or several, [a.mp4,b.mp4], of which the first is shown and scored."
     )
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = setting(
+        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
+    )
     regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
 
@@ -99,7 +105,9 @@ class InferCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A video file, a folder of images, or the number of a camera.")
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = setting(
+        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
+    )
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     threads: int | None = setting(
@@ -118,7 +126,9 @@ class EvaluateCommandConfig(Config):
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A labeled video file or folder of images.")
     regions: str | None = setting(None, "Labeled regions of its frames, a JSON file.")
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = setting(
+        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
+    )
     task: Any = setting(None, "A simulated task, instead of a video.")
     scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
     seed: int | None = setting(

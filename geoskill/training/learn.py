@@ -120,7 +120,7 @@ def learn(
     if stored is not None:
         if init_from is not None:
             raise InputError(f"init_from={init_from}: expected none, as the training of {resume} goes on")
-        require_same_run(stored, spec, scene, count or len(stored.provenance.sources))
+        require_same_run(stored, spec, config, scene, count or len(stored.provenance.sources))
     components = build_skill(spec, cache, config.seed)
     if init_from is not None:
         initialize(components.members, spec, read_skill(init_from))
@@ -129,6 +129,7 @@ def learn(
         demonstration, provenance = prepare(config, sources, components, progress, scene)
         if stored is not None:
             require_same_spans(stored, demonstration.spans)
+            provenance = replace(provenance, date=stored.provenance.date)
             if is_complete(stored, config):
                 return _finish(stored, demonstration, cache, checkpoint, curves, config.trainer.max_epochs)
         fit_statistics(

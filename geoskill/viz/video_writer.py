@@ -1,6 +1,5 @@
 """Writing of H.264 video that every browser and player shows."""
 
-import math
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +12,7 @@ from jaxtyping import UInt8
 
 from geoskill.errors import InputError
 from geoskill.io.atomic import atomic_path
+from geoskill.io.frames import validate_frame_rate
 
 CONTAINER_SUFFIXES = (".mp4", ".mov", ".mkv")
 # The first one that the installed av was built with; the others encode in software or come with an operating system.
@@ -32,7 +32,7 @@ class VideoWriter:
 
     Raises:
         InputError: when the name's ending is no video container's, its folder does not exist, or the frame rate is
-            not positive.
+            out of range.
         RuntimeError: when the installed av has no H.264 encoder.
     """
 
@@ -42,9 +42,7 @@ class VideoWriter:
             raise InputError(f"{path}: cannot write this type of file; expected {', '.join(CONTAINER_SUFFIXES)}")
         if not self._path.parent.is_dir():
             raise InputError(f"{path}: its folder does not exist; expected an existing one")
-        if not (math.isfinite(frame_rate) and frame_rate > 0):
-            raise InputError(f"frame_rate is {frame_rate}; expected a positive number of frames per second")
-        self._frame_rate = Fraction(frame_rate).limit_denominator(1001)
+        self._frame_rate = Fraction(validate_frame_rate(frame_rate)).limit_denominator(1001)
         self._encoder = _available_encoder()
         self._stack = ExitStack()
         self._container: av.container.OutputContainer | None = None
