@@ -21,7 +21,14 @@ from geoskill.config import (
 from geoskill.plugins import EXTRACTORS
 from geoskill.schema import WORDS, markdown_table, reference_table, setting
 
-FRAME_RATES: Mapping[str, float] = {"at_least": MIN_FRAME_RATE, "at_most": MAX_FRAME_RATE}
+
+def _frame_rate() -> Any:
+    return setting(
+        None,
+        "Frames per second; null: the video's own, 30 for a folder.",
+        at_least=MIN_FRAME_RATE,
+        at_most=MAX_FRAME_RATE,
+    )
 
 
 @final
