@@ -52,9 +52,7 @@ class VideoTaskConfig(Config):
     path: Any = setting(
         None, "A video file or a folder of images; or several, [a.mp4,b.mp4], of which the first is shown and scored."
     )
-    frame_rate: float | None = setting(
-        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
-    )
+    frame_rate: float | None = _frame_rate()
     regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
 
@@ -112,9 +110,7 @@ class InferCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A video file, a folder of images, or the number of a camera.")
-    frame_rate: float | None = setting(
-        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
-    )
+    frame_rate: float | None = _frame_rate()
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     threads: int | None = setting(
@@ -133,9 +129,7 @@ class EvaluateCommandConfig(Config):
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A labeled video file or folder of images.")
     regions: str | None = setting(None, "Labeled regions of its frames, a JSON file.")
-    frame_rate: float | None = setting(
-        None, "Frames per second; null: the video's own, 30 for a folder.", **FRAME_RATES
-    )
+    frame_rate: float | None = _frame_rate()
     task: Any = setting(None, "A simulated task, instead of a video.")
     scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
     seed: int | None = setting(
