@@ -199,7 +199,7 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
         ("cache.limit_mb=0", "a number above 0"),
         ("cache.enabled=0", "true or false"),
         ("task.frame_rate=0", "a number of at least 0.01 and at most 10000, or null"),
-        ("task.frame_rate=1e-5", "a number of at least 0.01 and at most 10000, or null"),
+        ("task.frame_rate=0.001", "a number of at least 0.01 and at most 10000, or null"),
         ("task.frame_rate=x", "a number of at least 0.01 and at most 10000, or null"),
         ("task.every=0", "a whole number of at least 1"),
         ("descriptor.sift.root=1", "true or false"),
