@@ -27,6 +27,8 @@ from geoskill.skill.weights import require_finite
 
 CHECKPOINT = "skill.ckpt"
 WANDB_PREFIX = "wandb:"
+MAX_MESSAGE = 1000
+"""Characters of a message about a checkpoint, whose values may be of any length."""
 
 
 @final
@@ -176,7 +178,7 @@ def read_skill(reference: str | Path) -> StoredSkill:
         for member, own in weights.items():
             require_finite({f"{member}.{name}": value for name, value in own.items()})
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {str(error)[:MAX_MESSAGE]}") from error
     return StoredSkill(path, spec, provenance, weights, contents)
 
 
