@@ -22,7 +22,8 @@ from geoskill.errors import InputError, shown
 from geoskill.io.atomic import atomic_open
 from geoskill.io.tensor_file import load_tensors
 from geoskill.schema import WORDS, as_plain
-from geoskill.skill.spec import SkillSpec, mapping_of, text_of
+from geoskill.skill.plain import mapping_of, require_plain, text_of
+from geoskill.skill.spec import SkillSpec
 from geoskill.skill.weights import require_finite
 
 CHECKPOINT = "skill.ckpt"
@@ -103,6 +104,7 @@ class Provenance:
         sizes = {name: _integers(entries[name], f"provenance.{name}") for name in ("image_size", "epochs")}
         if not isinstance(entries["sources"], list):
             raise InputError(f"the skill's provenance.sources are {shown(entries['sources'])}; expected a list")
+        require_plain(entries["configuration"], "provenance.configuration")
         metrics = mapping_of(entries["metrics"], "provenance.metrics")
         if not all(isinstance(metric, int | float) for metric in metrics.values()):
             raise InputError(f"the skill's provenance.metrics are {shown(metrics)}; expected numbers")

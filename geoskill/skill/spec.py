@@ -14,7 +14,7 @@ checked and unknown names refused; classes are found by name in the registries o
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
@@ -31,6 +31,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, NAME, PACKAGE, SCORERS, Registry
 from geoskill.schema import as_plain, settings_of
+from geoskill.skill.plain import mapping_of, text_of
 
 FORMAT = 3
 MAX_PARTS = 64
@@ -288,19 +289,6 @@ def build_skill(spec: SkillSpec, cache: FeatureCache | None = None, seed: int = 
     return SkillComponents(members, pipelines)
 
 
-def mapping_of(value: object, where: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return a mapping of a checkpoint, with these keys and no others where they are given.
-
-    Raises:
-        InputError: when it is something else.
-    """
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise InputError(f"the skill's {where} is {shown(value)}; expected names with values")
-    if keys is not None and set(value) != set(keys):
-        raise InputError(f"the skill's {where} has {', '.join(map(str, value))[:200]}; expected {', '.join(keys)}")
-    return dict(value)
-
-
 def _parts_of(value: object, where: str) -> dict[str, Any]:
     parts = mapping_of(value, where)
     for name in parts:
@@ -309,17 +297,6 @@ def _parts_of(value: object, where: str) -> dict[str, Any]:
     if len(parts) > MAX_PARTS:
         raise InputError(f"the skill has {len(parts)} {where}; expected at most {MAX_PARTS}")
     return parts
-
-
-def text_of(value: object, where: str) -> str:
-    """Return a text of a checkpoint.
-
-    Raises:
-        InputError: when it is something else.
-    """
-    if not isinstance(value, str):
-        raise InputError(f"the skill's {where} is {shown(value)}; expected text")
-    return value
 
 
 def _build(registry: Registry, part: Part, *given: object) -> Any:

@@ -196,8 +196,8 @@ def _fit(
             raise
         message = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{resume}: the state of its training cannot be gone on with ({type(error).__name__}: {message});"
-            f" expected that of an interrupted training (init_from= starts from its weights)"
+            f"{resume}: the state of its training cannot be used ({type(error).__name__}: {message});"
+            " expected that of an interrupted training (init_from= starts from its weights)"
         ) from error
 
 

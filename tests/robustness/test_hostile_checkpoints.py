@@ -1,4 +1,4 @@
-"""Going on with the training of a hostile checkpoint: nothing in it is called, imported or opened, wherever it stands."""
+"""Going on with a hostile training: nothing in it is called, imported or opened, wherever in the checkpoint it is."""
 
 import contextlib
 import copy

@@ -49,8 +49,16 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("point", POINTS)
 def test_killed_and_resumed_training_has_the_results_of_an_unbroken_one(
-    environment: dict[str, str], command: Command, tiny: Sequence[str], trained: Any, tmp_path: Path, point: str
+    environment: dict[str, str],
+    command: Command,
+    tiny: Sequence[str],
+    trained: Any,
+    rounds: int,
+    tmp_path: Path,
+    point: str,
 ) -> None:
+    if rounds < 1000 and POINTS.index(point) % 6:
+        pytest.skip("one in six of these points; all of them by make robustness")
     run = tmp_path / "run"
     overrides = [*tiny, f"hydra.run.dir={run}"]
     killed = subprocess.run(
