@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 
-.PHONY: help train infer evaluate reproduce test test-fast lint docs clean
+.PHONY: help train infer evaluate reproduce test test-fast robustness lint docs clean
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
@@ -32,6 +32,9 @@ test: $(READY) ## all tests
 
 test-fast: $(READY) ## the tests that take less than a second each
 	$(PYTEST) -m "not slow" $(ARGS)
+
+robustness: $(READY) ## attacks for half an hour: damaged files, hostile checkpoints, kills; ROBUSTNESS_ROUNDS=2000 of each kind
+	ROBUSTNESS_ROUNDS=$${ROBUSTNESS_ROUNDS:-2000} $(PYTEST) tests/robustness $(ARGS)
 
 lint: $(READY) ## style, types, and the direction of imports
 	$(RUN) -m ruff check .

@@ -1,5 +1,6 @@
 """Learn a manipulation skill from one video by inferring which geometric features belong together."""
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,9 @@ if TYPE_CHECKING:
     from geoskill.skill.skill import Skill
     from geoskill.skill.temporal_filter import TemporalFilter
     from geoskill.training.learn import LearnedSkill, learn
+
+# A picture of a few kilobytes may unfold to gigabytes. OpenCV reads its limit, here 8K, when it is imported.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**25))
 
 __all__ = ["LearnedSkill", "Skill", "TemporalFilter", "TrainConfig", "learn", "register"]
 

@@ -14,15 +14,22 @@ from geoskill.schema import Config as Config
 from geoskill.schema import setting
 from geoskill.tuning import NegativesConfig, TemporalFilterConfig, TrajectoryConfig
 
+MAX_TOP_K = 1000
+# A picture in a hundred seconds; a high-speed camera. Encoders take no others.
+MIN_FRAME_RATE, MAX_FRAME_RATE = 0.01, 10_000.0
+
 
 @final
 @dataclass
 class FeaturesConfig(Config):
     """Features of a frame."""
 
-    max_features: int = setting(60, "Features per frame and descriptor, strongest first.", at_least=2)
+    max_features: int = setting(60, "Features per frame and descriptor, strongest first.", at_least=2, at_most=5000)
     min_side: int = setting(
-        480, "Pictures with a shorter side of fewer pixels are enlarged to it before extraction; 0: never.", at_least=0
+        480,
+        "Pictures with a shorter side of fewer pixels are enlarged to it before extraction, strips to less; 0: never.",
+        at_least=0,
+        at_most=1080,
     )
     max_side: int = setting(
         720,
@@ -30,7 +37,10 @@ class FeaturesConfig(Config):
         at_least=0,
     )
     color: float = setting(
-        8.0, "Weight of the colors around a point beside its descriptor; 0: the gray descriptor alone.", at_least=0
+        8.0,
+        "Weight of the colors around a point beside its descriptor; 0: the gray descriptor alone.",
+        at_least=0,
+        at_most=1000,
     )
 
 
@@ -191,7 +201,7 @@ class SelectionConfig(Config):
 class InferenceConfig(Config):
     """Selection of associations, as a training writes it into the skill and shows it."""
 
-    top_k: int = setting(10, "Associations listed per frame and member.", at_least=1)
+    top_k: int = setting(10, "Associations listed per frame and member.", at_least=1, at_most=MAX_TOP_K)
     min_drawn_weight: float = _min_drawn_weight()
     temporal: str = _temporal()
     abstain: float = _abstain()
@@ -204,14 +214,20 @@ class MessagePassingConfig(Config):
     """`model=message_passing`: the paper's network; the presets are `model=default` and `model=paper`."""
 
     name: str = setting("message_passing", "Network.")
-    hidden_dim: int = setting(32, "h, length of a node's state.", at_least=1)
-    layers: int = setting(3, "T, steps of message passing.", at_least=1)
+    hidden_dim: int = setting(32, "h, length of a node's state.", at_least=1, at_most=4096)
+    layers: int = setting(3, "T, steps of message passing.", at_least=1, at_most=64)
     shared_weights: bool = setting(True, "One set of weights for all steps.")
     encoder_dim: int | None = setting(
-        128, "Hidden units of the perceptron that encodes a descriptor; null: a linear encoder.", at_least=1
+        128,
+        "Hidden units of the perceptron that encodes a descriptor; null: a linear encoder.",
+        at_least=1,
+        at_most=65536,
     )
     prototypes: int | None = setting(
-        2048, "Features of the demonstration in the score of similarity to it; null: no such score.", at_least=1
+        2048,
+        "Features of the demonstration in the score of similarity to it; null: no such score.",
+        at_least=1,
+        at_most=100_000,
     )
     cascade: int | None = setting(
         1024,
@@ -235,7 +251,7 @@ class BilinearConfig(Config):
     """`model=bilinear`: a factorized score without message passing, for many features or little time."""
 
     name: str = setting("bilinear", "Network.")
-    hidden_dim: int = setting(64, "Width of the encoders and of the inner product.", at_least=1)
+    hidden_dim: int = setting(64, "Width of the encoders and of the inner product.", at_least=1, at_most=4096)
 
 
 @final
@@ -244,8 +260,10 @@ class PrototypesConfig(Config):
     """`model=prototypes`: similarity to the demonstration alone, for many features or little time."""
 
     name: str = setting("prototypes", "Network.")
-    prototypes: int = setting(2048, "Features of the demonstration that are kept per node type.", at_least=1)
-    components: int = setting(16, "Kinds of association in the mixture.", at_least=1)
+    prototypes: int = setting(
+        2048, "Features of the demonstration that are kept per node type.", at_least=1, at_most=100_000
+    )
+    components: int = setting(16, "Kinds of association in the mixture.", at_least=1, at_most=1024)
 
 
 MODELS: Mapping[str, type[Config]] = {

@@ -4,7 +4,21 @@ Raise :class:`InputError` for anything the user gave (a file, a key, a value): t
 line and exit with status 2. Every other exception is a failure in the middle of work and exits with status 1.
 """
 
+import reprlib
 from typing import final
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 80
+_SHORT.maxlevel = 3
+
+
+def shown(value: object) -> str:
+    """Return a value for a message, shortened where it is long: what it came with may be from anybody.
+
+    >>> shown({"a": list(range(100))})
+    "{'a': [0, 1, 2, 3, 4, 5, ...]}"
+    """
+    return _SHORT.repr(value)
 
 
 @final

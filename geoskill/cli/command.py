@@ -3,14 +3,16 @@
 import errno
 import functools
 import os
+import shutil
 import sys
 import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO, TypeVar, final
+from typing import Final, TextIO, TypeVar, final
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -27,7 +29,11 @@ from geoskill.errors import InputError
 UNUSABLE_INPUT = 2
 FAILURE = 1
 INTERRUPTED = 130
+SMALL_WRITE = 1_000_000
+"""Bytes; a disk with less is full."""
 FAILED_RUN = "error.txt"
+HELD: Final = ExitStack()
+"""What a command keeps until it ends."""
 
 C = TypeVar("C", bound=Config)
 
@@ -90,7 +96,8 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             functools.wraps(job)(guarded)
         )()
 
-    _exit_on_error(command, name)
+    with HELD:
+        _exit_on_error(command, name)
 
 
 def current_run() -> Run:
@@ -139,12 +146,21 @@ def explain(error: BaseException, command: str) -> tuple[int, str]:
         if isinstance(cause, InputError):
             return UNUSABLE_INPUT, _one_line(str(cause))
         if isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            run = HydraConfig.get().runtime.output_dir if HydraConfig.initialized() else "where the run is written"
-            place = cause.filename2 or cause.filename or run  # of a move, where to; of a write, nothing
-            return FAILURE, f"{place}: no space left on the disk; nothing that was complete is lost"
+            return FAILURE, f"{_full_place(cause)}: no space left on the disk; nothing that was complete is lost"
     if isinstance(error, OmegaConfBaseException) or type(error).__module__.startswith("hydra"):
         return UNUSABLE_INPUT, explain_composition(error, command)
     return FAILURE, f"{type(error).__name__}: {_one_line(str(error))} (debug=true shows where)"
+
+
+def _full_place(error: OSError) -> str:
+    """Return where there is no space left."""
+    if error.filename2 or error.filename:  # of a move, where to; of a write, nothing
+        return str(error.filename2 or error.filename)
+    run = HydraConfig.get().runtime.output_dir if HydraConfig.initialized() else "where the run is written"
+    temporary = tempfile.gettempdir()
+    own = run if Path(run).is_dir() else os.curdir
+    free = {place: shutil.disk_usage(place).free for place in (own, temporary)}
+    return temporary if free[temporary] < min(free[own], SMALL_WRITE) else run
 
 
 def _show_warning(

@@ -12,7 +12,6 @@ from jaxtyping import UInt8
 
 from geoskill.cli.inputs import Infer
 from geoskill.cli.progress import show_progress
-from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.io.atomic import atomic_open
 from geoskill.io.frames import Frame, FrameSource
@@ -39,8 +38,8 @@ def write_inference(
 ) -> dict[str, Any]:
     """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
-    A camera's frames end with Ctrl-C. Where other frames end by Ctrl-C or by a damaged source, the results up to there
-    are written first, unless ``folder`` holds earlier results, which stay.
+    A camera's frames end with Ctrl-C. Where frames end otherwise, by Ctrl-C, a damaged source or any failure but one to
+    write, the results up to there are written first, unless ``folder`` holds earlier results, which stay.
 
     Args:
         skill: has the members.
@@ -72,9 +71,9 @@ def write_inference(
                     lines.write(json.dumps(line) + "\n")
                 video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
                 results.add(frame, result)
-        except (KeyboardInterrupt, InputError) as error:
+        except (KeyboardInterrupt, Exception) as error:
             if not (isinstance(error, KeyboardInterrupt) and is_live(source)):
-                if results.frames == 0 or (folder / "associations.jsonl").exists():
+                if isinstance(error, OSError) or results.frames == 0 or (folder / "associations.jsonl").exists():
                     raise
                 failure = error
     summary = results.write(folder, metrics)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, final
 
 from geoskill.config import (
+    MAX_FRAME_RATE,
+    MIN_FRAME_RATE,
     BilinearConfig,
     Config,
     Learning,
@@ -18,6 +20,15 @@ from geoskill.config import (
 )
 from geoskill.plugins import EXTRACTORS
 from geoskill.schema import WORDS, markdown_table, reference_table, setting
+
+
+def _frame_rate() -> Any:
+    return setting(
+        None,
+        "Frames per second; null: the video's own, 30 for a folder.",
+        at_least=MIN_FRAME_RATE,
+        at_most=MAX_FRAME_RATE,
+    )
 
 
 @final
@@ -46,7 +57,7 @@ class VideoTaskConfig(Config):
     )
     end: Any = setting(None, "Where it ends, in seconds or frames; the frame there is not taken.")
     stride: int = setting(1, "Of so many frames, one is taken.", at_least=1)
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = _frame_rate()
     regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
 
@@ -104,7 +115,7 @@ class InferCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A video file, a folder of images, the number of a camera, or a URL.")
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = _frame_rate()
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     threads: int | None = setting(
@@ -123,7 +134,7 @@ class EvaluateCommandConfig(Config):
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A labeled video file or folder of images.")
     regions: str | None = setting(None, "Labeled regions of its frames, a JSON file.")
-    frame_rate: float | None = setting(None, "Frames per second; null: the video's own, 30 for a folder.", above=0)
+    frame_rate: float | None = _frame_rate()
     task: Any = setting(None, "A simulated task, instead of a video.")
     scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
     seed: int | None = setting(

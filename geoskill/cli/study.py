@@ -55,7 +55,14 @@ class Step:
                 raise InputError(
                     f"{self.folder}: was begun with {only_begun}; expected {only_wanted}, or another hydra.run.dir"
                 )
-        return self.metrics_path.is_file()
+        try:
+            self.metrics()
+        except FileNotFoundError:
+            return False
+        except ValueError as error:
+            log.warning("%s: is damaged (%s); the step is done again", self.metrics_path, error)
+            return False
+        return True
 
     @property
     def metrics_path(self) -> Path:
@@ -64,8 +71,7 @@ class Step:
 
     def metrics(self) -> dict[str, Any]:
         """Return the results of a complete step."""
-        metrics: dict[str, Any] = json.loads(self.metrics_path.read_text(encoding="utf-8"))
-        return metrics
+        return read_metrics(self.metrics_path)
 
     def perform(self) -> None:
         """Run the command in a process of its own; an interrupted training goes on from its checkpoint.
@@ -215,6 +221,19 @@ class Study:
             for name, overrides in self.test_sets.items()
         }
         return Job(variant, seed, Step("train", (*training, *settings), folder), tests)
+
+
+def read_metrics(path: Path) -> dict[str, Any]:
+    """Read a ``metrics.json``.
+
+    Raises:
+        FileNotFoundError: when there is none.
+        ValueError: when it is damaged.
+    """
+    metrics = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(metrics, dict):
+        raise ValueError(f"a {type(metrics).__name__} in place of names with values")
+    return metrics
 
 
 def _folder_name(variant: str) -> str:

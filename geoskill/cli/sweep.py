@@ -13,6 +13,7 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from geoskill.cli.command import FAILED_RUN
+from geoskill.cli.study import read_metrics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +37,8 @@ class SweepSummary(Callback):
 def read_runs(folder: Path) -> tuple[pd.DataFrame, list[str]]:
     """Read all complete runs of a sweep.
 
-    Overrides that are the same in all runs are left out, and so is ``seed``, over which a summary averages.
+    Overrides that are the same in all runs are left out, and so is ``seed``, over which a summary averages. A run whose
+    files are damaged is left out with a warning.
 
     Returns:
         One row per run, in the order of its jobs: the swept overrides as text, and the metrics; the former's names.
@@ -47,12 +49,19 @@ def read_runs(folder: Path) -> tuple[pd.DataFrame, list[str]]:
     for path in _in_job_order(folder, "metrics.json"):
         if path.with_name(FAILED_RUN).exists():  # these are metrics of an earlier run in the same folder
             continue
-        lines = yaml.safe_load((path.parent / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
-        overrides.append({key: value for key, _, value in (line.partition("=") for line in lines)})
-        metrics.append(json.loads(path.read_text(encoding="utf-8")))
-    settings = pd.DataFrame(overrides)
-    swept = [key for key in settings if key != "seed" and settings[key].nunique(dropna=False) > 1]
-    return pd.concat([settings[swept], pd.DataFrame(metrics)], axis="columns"), swept
+        try:
+            lines = yaml.safe_load((path.parent / ".hydra" / "overrides.yaml").read_text(encoding="utf-8"))
+            settings = {key: value for key, _, value in (line.partition("=") for line in lines)}
+            own = read_metrics(path)
+        except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError) as error:
+            message = " ".join(str(error).split())
+            print(f"warning: {path.parent}: left out, its results cannot be read ({message})", file=sys.stderr)
+            continue
+        overrides.append(settings)
+        metrics.append(own)
+    table = pd.DataFrame(overrides)
+    swept = [key for key in table if key != "seed" and table[key].nunique(dropna=False) > 1]
+    return pd.concat([table[swept], pd.DataFrame(metrics)], axis="columns"), swept
 
 
 def write_summary(runs: pd.DataFrame, by: Sequence[str], folder: Path) -> None:

@@ -226,7 +226,8 @@ class Demonstration(Transitions):
     def _sample_negatives(self, name: str, frame: int, span: int) -> FeatureSet:
         """Draw negatives that differ between frames and spans, but not between calls."""
         pool = self._negatives[name]
-        random = np.random.default_rng([frame, span + len(self._transitions)])
+        # Of a few transitions, the sum is negative: spans back in time are.
+        random = np.random.default_rng([frame, (span + len(self._transitions)) % 2**32])
         return pool.take(random.permutation(len(pool))[: self._num_negatives])
 
 

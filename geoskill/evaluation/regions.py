@@ -13,6 +13,7 @@ only.
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +23,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from geoskill.errors import InputError
+from geoskill.errors import InputError, shown
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
 from geoskill.simulation.roles import SceneRole
 
+# JSON unfolds to some twenty times its size; a thousand labeled frames take one megabyte.
+MAX_BYTES = 20_000_000
 Polygon = Float32[np.ndarray, "_ 2"]
 
 # Keys of the regions in the file.
@@ -162,6 +165,9 @@ def _interpolated(earlier: Polygon, later: Polygon, fraction: float) -> Polygon:
 
 def _read_json(path: str | Path) -> dict[str, Any]:
     try:
+        size = Path(path).stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(f"{path}: is {size} bytes large; expected a regions file of at most {MAX_BYTES}")
         text = Path(path).read_text(encoding="utf-8-sig")  # without the mark with which some editors begin a file
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; expected a regions file (JSON)") from None
@@ -182,9 +188,9 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     # Python's reader silently keeps the last of two entries with the same key.
     content = dict(pairs)
     if len(content) < len(pairs):
-        keys = [key for key, _ in pairs]
-        repeated = next(key for key in keys if keys.count(key) > 1)
-        raise InputError(f"the key {repeated!r} occurs more than once in one object; expected each once")
+        counts = Counter(key for key, _ in pairs)
+        repeated = next(key for key, count in counts.items() if count > 1)
+        raise InputError(f"the key {shown(repeated)} occurs more than once in one object; expected each once")
     return content
 
 

@@ -12,7 +12,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.io.disk_cache import DiskCache
 
 # Raise it when the file format, or what an extractor returns for the same settings, changes.
-FORMAT = 3
+FORMAT = 4
 
 
 @final

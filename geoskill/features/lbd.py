@@ -12,6 +12,8 @@ from geoskill.features.line_band_descriptor import DESCRIPTOR_DIM, describe
 from geoskill.features.lsd import detect_segments
 from geoskill.geometry.primitives import NodeType
 
+MAX_BAND_WIDTH = 63
+
 
 @final
 class Lbd(FeatureExtractor):
@@ -19,7 +21,7 @@ class Lbd(FeatureExtractor):
 
     Args:
         min_length_ratio: shortest segment, as a fraction of the picture's diagonal, in [0, 1).
-        band_width: width of each of the nine bands in pixels, odd; 7 in the paper.
+        band_width: width of each of the nine bands in pixels, odd, at most 63; 7 in the paper.
 
     Raises:
         InputError: when an argument is out of range, or OpenCV lacks the detector (see :func:`detect_segments`).
@@ -34,8 +36,8 @@ class Lbd(FeatureExtractor):
             raise InputError(
                 f"min_length_ratio is {min_length_ratio}; expected a fraction of the picture's diagonal in [0, 1)"
             )
-        if band_width < 1 or band_width % 2 == 0:
-            raise InputError(f"band_width is {band_width}; expected a positive odd number of pixels")
+        if not 1 <= band_width <= MAX_BAND_WIDTH or band_width % 2 == 0:
+            raise InputError(f"band_width is {band_width}; expected an odd number of pixels from 1 to {MAX_BAND_WIDTH}")
         self.min_length_ratio = min_length_ratio
         self.band_width = band_width
 

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import math
 from typing import final
 
 import cv2
@@ -18,6 +19,10 @@ from geoskill.geometry.sampling import resized
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
 
+# A strip is enlarged no further than to so many squares of the shorter side that others are enlarged to: one of 200 x 1
+# pixels would become 46 million, and the detectors take some hundred bytes for each.
+MAX_ENLARGED_SQUARES = 4
+
 
 @final
 class FeaturePipeline:
@@ -27,7 +32,8 @@ class FeaturePipeline:
         extractor: detects and describes features.
         max_features: number of features kept per frame, those with the highest scores.
         min_side: pictures whose shorter side has fewer pixels are enlarged to this before extraction (0: never), since
-            detectors miss small structures in small pictures. Coordinates are always returned in the frame's pixels.
+            detectors miss small structures in small pictures; strips that are more than four times as long as wide
+            are enlarged less. Coordinates are always returned in the frame's pixels.
         max_side: pictures whose shorter side has more pixels are reduced to this (0: never), since detection takes time
             in proportion to their area.
         color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
@@ -115,8 +121,9 @@ class FeaturePipeline:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         height, width = gray.shape
         shorter = min(height, width)
-        if shorter < self.min_side:
-            factor = self.min_side / shorter
+        factor = self.min_side / shorter
+        factor = max(1.0, min(factor, self.min_side * math.sqrt(MAX_ENLARGED_SQUARES / (height * width))))
+        if factor > 1.0:
             size = (round(width * factor), round(height * factor))
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
         elif self.max_side and shorter > self.max_side:

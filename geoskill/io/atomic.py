@@ -39,6 +39,13 @@ def atomic_open(path: Path, mode: Literal["w", "wb"] = "w", newline: str | None 
         yield file
 
 
+def remove_abandoned(folder: Path) -> None:
+    """Remove what killed processes have left half written in a folder that only the present one writes into."""
+    for path in folder.iterdir():
+        if is_temporary(path) and path.is_file():
+            path.unlink(missing_ok=True)
+
+
 def is_temporary(path: Path) -> bool:
     """Return whether a file is named as :func:`atomic_path` names what is not complete yet."""
-    return _MARK in path.suffixes
+    return path.name.startswith(".") and _MARK in path.suffixes

@@ -55,11 +55,18 @@ class Camera(FrameSource):
         try:
             index = 0
             start_s: float | None = None
+            first_shape: tuple[int, ...] | None = None
             while self._max_frames is None or index < self._max_frames:
                 arrived, image = capture.read()
                 now_s = time.monotonic()
                 if not arrived:
                     raise InputError(f"{self.name}: no picture after {index} frames; expected it to stay connected")
+                first_shape = first_shape or image.shape
+                if image.shape != first_shape:
+                    raise InputError(
+                        f"{self.name}: frame {index} is {_size(image.shape)} pixels; expected {_size(first_shape)}, as"
+                        " before (another program may have set the camera)"
+                    )
                 start_s = now_s if start_s is None else start_s
                 yield Frame(index, now_s - start_s, bgr_to_rgb(image))
                 index += 1
@@ -73,3 +80,7 @@ class Camera(FrameSource):
             capture.release()
             raise InputError(f"{self.name}: cannot be opened; expected the index of a connected camera, such as 0")
         return capture
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]}x{shape[0]}"

@@ -12,6 +12,7 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from geoskill.errors import InputError
+from geoskill.io.archive import require_uninflated
 from geoskill.io.atomic import atomic_open, is_temporary
 
 # Fraction of the limit that may be written between two scans of the folder, and that is therefore kept free.
@@ -41,7 +42,7 @@ class DiskCache:
 
     Files are written atomically, so a reader sees a complete file or none; processes that compute the same value write
     the same bytes. A value that cannot be read is computed, and one that cannot be written is returned all the same:
-    the cache never fails a run.
+    the cache never fails a run. Nor does a file of somebody else's take more memory than it is large.
 
     Args:
         folder: where the files are kept; created when first needed. None for the user's cache folder.
@@ -119,6 +120,7 @@ def _read(path: Path, unpack: Callable[[Mapping[str, np.ndarray]], Value]) -> Va
     try:
         # Opened here, because NumPy leaves broken archives open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            require_uninflated(stored.zip, path.stat().st_size)
             return unpack(stored)
     except Exception:  # missing, truncated, or another program's file: NumPy raises a dozen types of errors
         return None

@@ -6,7 +6,6 @@ a source never ends silently where its file is truncated.
 """
 
 import contextlib
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from geoskill.config import MAX_FRAME_RATE, MIN_FRAME_RATE
 from geoskill.errors import InputError
 
 DEFAULT_FRAME_RATE = 30.0
@@ -63,10 +63,12 @@ def validate_frame_rate(frame_rate: float) -> float:
     """Return the frame rate (frames per second) if it is valid.
 
     Raises:
-        InputError: when it is not positive and finite.
+        InputError: when it is not from 0.01 to 10,000.
     """
-    if not (math.isfinite(frame_rate) and frame_rate > 0):
-        raise InputError(f"frame_rate is {frame_rate}; expected a positive number of frames per second")
+    if not MIN_FRAME_RATE <= frame_rate <= MAX_FRAME_RATE:
+        raise InputError(
+            f"frame_rate is {frame_rate:g}; expected frames per second from {MIN_FRAME_RATE:g} to {MAX_FRAME_RATE:g}"
+        )
     return float(frame_rate)
 
 

@@ -58,7 +58,7 @@ class VideoFile(FrameSource):
 
     def _open(self) -> av.container.InputContainer:
         try:
-            # Of a relative path, FFmpeg would take what precedes a colon for a protocol.
+            # Of a relative path, FFmpeg takes what precedes a colon for a protocol; a title may be in any encoding.
             return av.open(str(self._path.absolute()), metadata_errors="replace")
         except av.error.FFmpegError as error:
             problem = "the file is empty" if self._path.stat().st_size == 0 else f"not readable ({error.strerror})"

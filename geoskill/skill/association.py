@@ -272,7 +272,8 @@ def abstain_below(result: InferenceResult, min_confidence: float) -> InferenceRe
     confidences = {
         association.member: association.confidence for association in result.associations if association.rank == 1
     }
-    doubtful = {member: confidence for member, confidence in confidences.items() if confidence < min_confidence}
+    # Written so that a confidence that is no number is doubtful.
+    doubtful = {member: confidence for member, confidence in confidences.items() if not confidence >= min_confidence}
     if not doubtful:
         return result
     reasons = {

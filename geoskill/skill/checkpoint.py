@@ -7,7 +7,8 @@ A checkpoint is a dictionary of plain values and tensors, as Lightning writes it
       provenance: ...         Provenance
       preferences: ...        FeaturePreference by the extractor's name, where there is one
 
-It is read with ``torch.load(weights_only=True)``, so nothing in it is executed.
+It may come from anybody: nothing in it is called, imported or opened, and it takes no more memory than the file is
+large (:mod:`geoskill.io.tensor_file`); ``docs/formats`` has the type and bounds of every entry.
 """
 
 from collections.abc import Mapping
@@ -18,15 +19,20 @@ from typing import Any, final
 import torch
 
 from geoskill.config import ScenarioConfig
-from geoskill.errors import InputError
+from geoskill.errors import InputError, shown
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.preference import FeaturePreference
 from geoskill.io.atomic import atomic_open
+from geoskill.io.tensor_file import load_tensors
 from geoskill.schema import WORDS, as_plain
-from geoskill.skill.spec import SkillSpec, mapping_of, text_of
+from geoskill.skill.plain import mapping_of, require_plain, text_of
+from geoskill.skill.spec import SkillSpec
+from geoskill.skill.weights import require_finite
 
 CHECKPOINT = "skill.ckpt"
 WANDB_PREFIX = "wandb:"
+MAX_MESSAGE = 1000
+"""Characters of a message about a checkpoint, whose values may be of any length."""
 
 
 @final
@@ -47,8 +53,10 @@ class SimulatedScene:
         """
         entries = mapping_of(value, "provenance.scene", ("task", "seed", "scenario"))
         scenario = mapping_of(entries["scenario"], "provenance.scene.scenario", _names(ScenarioConfig))
-        if type(entries["seed"]) is not int:
-            raise InputError(f"the skill's provenance.scene.seed is {entries['seed']!r}; expected a whole number")
+        if type(entries["seed"]) is not int or entries["seed"] < 0:
+            raise InputError(
+                f"the skill's provenance.scene.seed is {shown(entries['seed'])}; expected a whole number of at least 0"
+            )
         try:
             conditions = ScenarioConfig(**scenario)
         except InputError as error:
@@ -95,13 +103,14 @@ class Provenance:
         entries = mapping_of(value, "provenance", _names(cls))
         for name, kind in (("date", str), ("version", str), ("seed", int), ("finished", bool)):
             if type(entries[name]) is not kind:
-                raise InputError(f"the skill's provenance.{name} is {entries[name]!r}; expected {WORDS[kind]}")
+                raise InputError(f"the skill's provenance.{name} is {shown(entries[name])}; expected {WORDS[kind]}")
         sizes = {name: _integers(entries[name], f"provenance.{name}") for name in ("image_size", "epochs")}
         if not isinstance(entries["sources"], list):
-            raise InputError(f"the skill's provenance.sources are {entries['sources']!r}; expected a list")
+            raise InputError(f"the skill's provenance.sources are {shown(entries['sources'])}; expected a list")
+        require_plain(entries["configuration"], "provenance.configuration")
         metrics = mapping_of(entries["metrics"], "provenance.metrics")
         if not all(isinstance(metric, int | float) for metric in metrics.values()):
-            raise InputError(f"the skill's provenance.metrics are {metrics!r}; expected numbers")
+            raise InputError(f"the skill's provenance.metrics are {shown(metrics)}; expected numbers")
         return cls(
             sources=tuple(text_of(source, "provenance.sources") for source in entries["sources"]),
             image_size=sizes["image_size"],
@@ -158,14 +167,14 @@ def read_skill(reference: str | Path) -> StoredSkill:
         reference: a checkpoint, a run folder with a ``skill.ckpt``, or ``wandb:ENTITY/PROJECT/NAME:ALIAS``.
 
     Raises:
-        InputError: when there is none, or it is no checkpoint of a skill.
+        InputError: when there is none, it is no checkpoint of a skill, or a weight is not finite.
     """
     path = _located(str(reference))
     try:
-        contents = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # a broken archive raises anything from EOFError to UnpicklingError
+        contents = load_tensors(path)
+    except (OSError, ValueError) as error:
         raise InputError(
-            f"{path}: cannot be read as a checkpoint; expected the skill.ckpt of a training run"
+            f"{path}: cannot be read as a checkpoint ({error}); expected the skill.ckpt of a training run"
         ) from error
     if not isinstance(contents, dict) or not {"skill", "state_dict"} <= contents.keys():
         raise InputError(f"{path}: is no skill of this program; expected the skill.ckpt of a training run")
@@ -185,8 +194,10 @@ def read_skill(reference: str | Path) -> StoredSkill:
             member, _, name = rest.partition(".")
             if member in weights and isinstance(value, torch.Tensor):
                 weights[member][name] = value
+        for member, own in weights.items():
+            require_finite({f"{member}.{name}": value for name, value in own.items()})
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {str(error)[:MAX_MESSAGE]}") from error
     return StoredSkill(path, spec, provenance, preferences, weights, contents)
 
 
@@ -243,5 +254,5 @@ def _preference(value: object, where: str) -> FeaturePreference:
 
 def _integers(value: object, where: str) -> tuple[int, int]:
     if not (isinstance(value, list) and len(value) == 2 and all(type(number) is int for number in value)):
-        raise InputError(f"the skill's {where} is {value!r}; expected two whole numbers")
+        raise InputError(f"the skill's {where} is {shown(value)}; expected two whole numbers")
     return value[0], value[1]

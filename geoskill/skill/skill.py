@@ -18,9 +18,10 @@ from geoskill.model.evidence import Evidence
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
-from geoskill.skill.checkpoint import Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
+from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
 from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
+from geoskill.skill.weights import require_fit
 
 
 @final
@@ -159,13 +160,14 @@ def build_stored(stored: StoredSkill, cache: FeatureCache | None = None) -> Skil
         InputError: when a part is not installed here, or the weights do not fit.
     """
     try:
+        require_fit(stored.spec, stored.weights)
         components = build_skill(stored.spec, cache)
         for name, member in components.members.items():
             member.load_state_dict(dict(stored.weights[name]))
         for name, preference in stored.preferences.items():
             components.pipelines[name] = components.pipelines[name].preferring(preference)
     except InputError as error:
-        raise InputError(f"{stored.path}: {error}") from error
+        raise InputError(f"{stored.path}: {str(error)[:MAX_MESSAGE]}") from error
     except Exception as error:
         message = " ".join(str(error).split())
         raise InputError(f"{stored.path}: its weights do not fit its specification ({message[:200]})") from error

@@ -14,15 +14,15 @@ checked and unknown names refused; classes are found by name in the registries o
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from typing import Any, final
 
 import torch
 
-from geoskill.config import MODELS, FeaturesConfig
-from geoskill.errors import InputError
+from geoskill.config import MAX_TOP_K, MODELS, FeaturesConfig
+from geoskill.errors import InputError, shown
 from geoskill.features.cache import FeatureCache
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
@@ -31,8 +31,11 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, NAME, PACKAGE, SCORERS, Registry
 from geoskill.schema import as_plain, settings_of
+from geoskill.skill.plain import mapping_of, text_of
 
 FORMAT = 4
+MAX_PARTS = 64
+"""Members, and extractors, of one skill."""
 
 Plain = bool | int | float | str | None
 
@@ -78,12 +81,12 @@ class Part:
         for key, pattern in (("name", NAME), ("package", PACKAGE)):
             if not pattern.fullmatch(text_of(entries[key], f"{where}.{key}")):
                 raise InputError(
-                    f"the skill's {where}.{key} is {entries[key]!r}; expected the name of a class or package"
+                    f"the skill's {where}.{key} is {shown(entries[key])}; expected the name of a class or package"
                 )
         arguments = mapping_of(entries["arguments"], f"{where}.arguments")
         for key, argument in arguments.items():
             if not isinstance(argument, bool | int | float | str | None):
-                raise InputError(f"the skill's {where}.arguments.{key} is {argument!r}; expected a plain value")
+                raise InputError(f"the skill's {where}.arguments.{key} is {shown(argument)}; expected a plain value")
         return cls(entries["name"], entries["package"], arguments)
 
 
@@ -128,27 +131,34 @@ class SkillSpec:
         """
         found = value.get("format") if isinstance(value, Mapping) else None
         if found != FORMAT:
-            raise InputError(f"the skill's format is {found!r}; expected {FORMAT} (learn it again with this version)")
+            raise InputError(
+                f"the skill's format is {shown(found)}; expected {FORMAT} (learn it again with this version)"
+            )
         entries = mapping_of(value, "specification", ("format", *(own.name for own in fields(cls))))
-        extractors = mapping_of(entries["extractors"], "extractors")
+        extractors = _parts_of(entries["extractors"], "extractors")
         members = {}
-        for name, member in mapping_of(entries["members"], "members").items():
+        for name, member in _parts_of(entries["members"], "members").items():
             own = mapping_of(member, f"members.{name}", ("kernel", "extractors"))
             feeds = mapping_of(own["extractors"], f"members.{name}.extractors")
             for node_type, extractor in feeds.items():
                 if node_type not in tuple(NodeType):
                     raise InputError(
-                        f"the skill's members.{name}.extractors has {node_type!r}; expected {' or '.join(NodeType)}"
+                        f"the skill's members.{name}.extractors has {shown(node_type)}; expected"
+                        f" {' or '.join(NodeType)}"
                     )
                 if text_of(extractor, f"members.{name}.extractors.{node_type}") not in extractors:
                     raise InputError(
-                        f"the skill's members.{name}.extractors.{node_type} is {extractor!r}; expected one of"
+                        f"the skill's members.{name}.extractors.{node_type} is {shown(extractor)}; expected one of"
                         f" {', '.join(extractors)}"
                     )
             members[name] = MemberSpec(Part.from_plain(own["kernel"], f"members.{name}.kernel"), feeds)
         top_k = entries["top_k"]
         if not members or type(top_k) is not int or top_k < 1:
-            raise InputError(f"the skill has {len(members)} members and top_k={top_k!r}; expected at least 1 of each")
+            raise InputError(
+                f"the skill has {len(members)} members and top_k={shown(top_k)}; expected at least 1 of each"
+            )
+        if top_k > MAX_TOP_K:
+            raise InputError(f"the skill's top_k is {top_k}; expected at most {MAX_TOP_K}")
         model = Part.from_plain(entries["model"], "model")
         if model.name in MODELS:  # whose arguments have types and ranges
             model = replace(model, arguments=_plan_network({**model.arguments, "name": model.name}).arguments)
@@ -282,28 +292,14 @@ def build_skill(spec: SkillSpec, cache: FeatureCache | None = None, seed: int = 
     return SkillComponents(members, pipelines)
 
 
-def mapping_of(value: object, where: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return a mapping of a checkpoint, with these keys and no others where they are given.
-
-    Raises:
-        InputError: when it is something else.
-    """
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise InputError(f"the skill's {where} is {value!r}; expected names with values")
-    if keys is not None and set(value) != set(keys):
-        raise InputError(f"the skill's {where} has {', '.join(value)}; expected {', '.join(keys)}")
-    return dict(value)
-
-
-def text_of(value: object, where: str) -> str:
-    """Return a text of a checkpoint.
-
-    Raises:
-        InputError: when it is something else.
-    """
-    if not isinstance(value, str):
-        raise InputError(f"the skill's {where} is {value!r}; expected text")
-    return value
+def _parts_of(value: object, where: str) -> dict[str, Any]:
+    parts = mapping_of(value, where)
+    for name in parts:
+        if not NAME.fullmatch(name):
+            raise InputError(f"the skill's {where} has {shown(name)}; expected small letters, digits and underscores")
+    if len(parts) > MAX_PARTS:
+        raise InputError(f"the skill has {len(parts)} {where}; expected at most {MAX_PARTS}")
+    return parts
 
 
 def _build(registry: Registry, part: Part, *given: object) -> Any:

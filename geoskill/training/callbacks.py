@@ -17,6 +17,7 @@ from geoskill.io.atomic import atomic_open, atomic_path
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.checkpoint import Provenance, skill_entry
 from geoskill.skill.spec import SkillSpec
+from geoskill.skill.weights import require_finite
 from geoskill.training.calibration import calibrate, is_calibration, uncalibrated
 
 
@@ -99,7 +100,11 @@ class SkillRecord(Callback):
         self._take_in(trainer, trainer.current_epoch + 1)
 
     def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
-        """Complete what is about to be written."""
+        """Complete what is about to be written.
+
+        Raises:
+            InputError: when a weight or a margin is not finite; nothing is written then.
+        """
         done, wanted = self.provenance.epochs
         finished = done > 0 and (trainer.should_stop or done >= wanted)
         if finished:
@@ -115,6 +120,7 @@ class SkillRecord(Callback):
         else:  # also when a finished training goes on for more epochs
             assert isinstance(pl_module.members, nn.ModuleDict)
             checkpoint["state_dict"] |= uncalibrated(kernel_models(pl_module.members), prefix="members.")
+        require_finite(checkpoint["state_dict"])
         self.provenance = replace(self.provenance, finished=finished)
         checkpoint["skill"] = skill_entry(self.spec, self.provenance, self.pipelines)
 

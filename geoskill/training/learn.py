@@ -23,8 +23,10 @@ from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.skill import Skill, build_stored
 from geoskill.skill.spec import SkillComponents, build_skill, plan_skill
+from geoskill.skill.weights import require_finite
 from geoskill.training.calibration import calibrate
 from geoskill.training.callbacks import MetricsTable, SkillRecord
+from geoskill.training.divergence import DivergenceGuard
 from geoskill.training.module import SkillTraining
 from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepare
 from geoskill.training.quiet import quiet_libraries
@@ -104,7 +106,8 @@ def learn(
         count: how many demonstrations there are, where only iterating would tell.
 
     Raises:
-        InputError: for whatever the configuration, a checkpoint or a demonstration has wrong.
+        InputError: for whatever the configuration, a checkpoint or a demonstration has wrong, and when training
+            diverges; ``checkpoint`` is then the one of the last epoch before.
         TrainingInterruptedError: after Ctrl-C.
     """
     config = TrainConfig() if config is None else config
@@ -117,7 +120,7 @@ def learn(
     if stored is not None:
         if init_from is not None:
             raise InputError(f"init_from={init_from}: expected none, as the training of {resume} goes on")
-        require_same_run(stored, spec, scene, count or len(stored.provenance.sources))
+        require_same_run(stored, spec, config, scene, count or len(stored.provenance.sources))
     components = build_skill(spec, cache, config.seed)
     if init_from is not None:
         initialize(components.members, spec, read_skill(init_from))
@@ -126,6 +129,7 @@ def learn(
         demonstration, provenance = prepare(config, sources, components, progress, scene)
         if stored is not None:
             require_same_spans(stored, demonstration.spans)
+            provenance = replace(provenance, date=stored.provenance.date)
             if is_complete(stored, config):
                 return _finish(stored, demonstration, cache, checkpoint, curves, config.trainer.max_epochs)
         fit_statistics(
@@ -136,16 +140,17 @@ def learn(
             keep_prototypes=init_from is not None,
         )
         record = SkillRecord(spec, provenance, components.pipelines, demonstration)
-        table = MetricsTable(None if curves is None else Path(curves))
+        guard, table = DivergenceGuard(), MetricsTable(None if curves is None else Path(curves))
         trainer = build_trainer(
             config,
+            guard,
             table,
             record,
             None if checkpoint is None else Path(checkpoint),
             list(logger) if isinstance(logger, Sequence) else [logger],
             progress_bar=progress is not None,
         )
-        _fit(trainer, config, components, demonstration, None if stored is None else stored.path)
+        _fit(trainer, guard, config, components, demonstration, None if stored is None else stored.path)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}
     metrics["steps"] = float(trainer.global_step)
     skill = Skill(components, spec, record.provenance)
@@ -154,12 +159,18 @@ def learn(
 
 def _fit(
     trainer: Trainer,
+    guard: DivergenceGuard,
     config: TrainConfig,
     components: SkillComponents,
     demonstration: Demonstrations,
     resume: Path | None,
 ) -> None:
-    """Train the members, from the beginning or from a checkpoint."""
+    """Train the members, from the beginning or from a checkpoint.
+
+    Raises:
+        InputError: when the training diverges, or does not begin with the state of the checkpoint.
+        TrainingInterruptedError: after Ctrl-C.
+    """
     module = SkillTraining(
         components.members,
         config.objective,
@@ -178,6 +189,16 @@ def _fit(
         if trainer.interrupted and trainer.is_global_zero:
             raise TrainingInterruptedError(trainer.current_epoch) from interruption
         raise
+    except (InputError, OSError):
+        raise
+    except Exception as error:
+        if resume is None or guard.steps > 1:  # what Lightning reads of the state, it uses within a step
+            raise
+        message = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{resume}: the state of its training cannot be used ({type(error).__name__}: {message});"
+            " expected that of an interrupted training (init_from= starts from its weights)"
+        ) from error
 
 
 def _finish(
@@ -196,6 +217,7 @@ def _finish(
         calibrate(components.members, demonstration)
         provenance = replace(provenance, finished=True, epochs=(provenance.epochs[0], epochs))
         weights = torch.nn.ModuleDict(dict(components.members)).state_dict(prefix="members.")
+        require_finite(weights)
         contents |= {"skill": skill_entry(stored.spec, provenance, components.pipelines), "state_dict": weights}
     if checkpoint is not None:
         write_checkpoint(checkpoint, contents)

@@ -6,9 +6,9 @@ from typing import Any
 from torch import nn
 
 from geoskill.config import TrainConfig
-from geoskill.errors import InputError
+from geoskill.errors import InputError, shown
 from geoskill.model.kernel_model import KernelModel
-from geoskill.schema import as_plain
+from geoskill.schema import as_plain, as_written
 from geoskill.skill.checkpoint import StoredSkill
 from geoskill.skill.spec import SkillSpec
 
@@ -17,8 +17,22 @@ FREE_ARGUMENTS = ("cascade", "precision", "memory_mb")
 TRAINING_STATE = {"callbacks", "epoch", "global_step", "loops", "optimizer_states"}
 
 
-def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count: int) -> None:
-    """Refuse to go on with the training of another skill, or from another number of demonstrations.
+# Settings in which a training that goes on may differ from what it was: how long it takes, what it is shown on, where.
+FREE_SETTINGS = (
+    "threads",
+    "inference",
+    "early_stopping",
+    "trainer.max_epochs",
+    "trainer.accelerator",
+    "trainer.devices",
+    "trainer.strategy",
+    "trainer.enable_progress_bar",
+    "trainer.log_every_n_steps",
+)
+
+
+def require_same_run(stored: StoredSkill, spec: SkillSpec, config: TrainConfig, scene: object, count: int) -> None:
+    """Refuse to go on with the training of another skill, with other settings, or from other demonstrations.
 
     Raises:
         InputError: in that case.
@@ -27,12 +41,14 @@ def require_same_run(stored: StoredSkill, spec: SkillSpec, scene: object, count:
         raise InputError(
             f"{stored.path}: holds a skill, but not the state of its training; expected init_from={stored.path}"
         )
+    _require_state(stored)
     _require_same_parts(stored, spec, free=())
     if stored.provenance.scene != scene:
         raise InputError(
             f"{stored.path}: learned from {_named(stored.provenance.scene)}; expected what this run learns from,"
             f" {_named(scene)}"
         )
+    _require_same_settings(stored, config)
     learned = len(stored.provenance.sources)
     if learned != count:
         raise InputError(f"{stored.path}: learned from {learned} demonstration(s); expected {count}, as this run")
@@ -79,6 +95,57 @@ def initialize(members: Mapping[str, KernelModel], spec: SkillSpec, stored: Stor
         except RuntimeError as error:
             message = " ".join(str(error).split())[:200]
             raise InputError(f"{stored.path}: its weights do not fit its specification ({message})") from error
+
+
+def _require_state(stored: StoredSkill) -> None:
+    """Refuse what is no state of a training, as far as this package reads it; Lightning reads the rest.
+
+    Raises:
+        InputError: in that case.
+    """
+    rows: object = []
+    callbacks = stored.contents["callbacks"]
+    if isinstance(callbacks, Mapping):
+        table = callbacks.get("MetricsTable", {"rows": []})
+        rows = table.get("rows") if isinstance(table, Mapping) else None
+    is_table = isinstance(rows, list) and all(
+        isinstance(row, Mapping) and all(isinstance(name, str) and type(row[name]) in (int, float) for name in row)
+        for row in rows
+    )
+    steps = stored.contents["global_step"]
+    if not (is_table and isinstance(callbacks, Mapping) and type(steps) is int and steps >= 0):
+        raise InputError(
+            f"{stored.path}: the state of its training has callbacks {shown(callbacks)} and global_step {shown(steps)};"
+            " expected those of a training of this program"
+        )
+
+
+def _require_same_settings(stored: StoredSkill, config: TrainConfig) -> None:
+    theirs, ours = _flat(stored.provenance.configuration), _flat(as_plain(config))
+    # What earlier versions did not have yet is not compared; kernel, descriptor, model and features are, as parts.
+    free = (*FREE_SETTINGS, "kernel", "descriptor", "model", "features")
+    names = [name for name in ours if name in theirs and not any(f"{name}.".startswith(f"{own}.") for own in free)]
+    changed = [name for name in names if theirs[name] != ours[name]]
+    if changed:
+        before, now = (
+            ", ".join(f"{name}={as_written(values[name])}" for name in changed)[:200] for values in (theirs, ours)
+        )
+        raise InputError(
+            f"{stored.path}: was trained with {before}; expected {now}, as in this run (init_from= starts from its"
+            " weights with other settings)"
+        )
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings by their dotted names.
+
+    >>> _flat({"optimizer": {"lr": 0.1}, "seed": 0})
+    {'optimizer.lr': 0.1, 'seed': 0}
+    """
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
+    return flat
 
 
 def _require_same_parts(stored: StoredSkill, spec: SkillSpec, free: Sequence[str]) -> None:

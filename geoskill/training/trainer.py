@@ -16,6 +16,7 @@ from geoskill.config import OptimizerConfig, TrainConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.schema import as_plain
 from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
+from geoskill.training.divergence import DivergenceGuard
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger
@@ -30,6 +31,7 @@ def build_optimizer(config: OptimizerConfig) -> Callable[[Iterable[torch.nn.Para
 
 def build_trainer(
     config: TrainConfig,
+    guard: DivergenceGuard,
     table: MetricsTable,
     record: SkillRecord,
     checkpoint: Path | None,
@@ -41,13 +43,14 @@ def build_trainer(
 
     Args:
         config: of the training.
+        guard: ends a training that diverges.
         table: keeps the curves.
         record: completes checkpoints; it is called after the averaging of weights.
         checkpoint: file of the checkpoint, or None.
         loggers: Lightning's.
         progress_bar: whether to show one, where there is a terminal.
     """
-    callbacks: list[Callback] = [table]
+    callbacks: list[Callback] = [guard, table]
     if config.ema_decay is not None:
         # Buffers are fitted statistics, which have no average.
         callbacks.append(EMAWeightAveraging(decay=config.ema_decay, use_buffers=False))

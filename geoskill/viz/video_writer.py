@@ -1,6 +1,5 @@
 """Writing of H.264 video that every browser and player shows."""
 
-import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from fractions import Fraction
@@ -14,6 +13,7 @@ from jaxtyping import UInt8
 
 from geoskill.errors import InputError
 from geoskill.io.atomic import atomic_path
+from geoskill.io.frames import validate_frame_rate
 
 CONTAINER_SUFFIXES = (".mp4", ".mov", ".mkv")
 # The first one that the installed av was built with; the others encode in software or come with an operating system.
@@ -41,7 +41,7 @@ class VideoWriter:
 
     Raises:
         InputError: when the name's ending is no video container's, its folder does not exist, or the frame rate is
-            not positive.
+            out of range.
         RuntimeError: when the installed av has no H.264 encoder.
     """
 
@@ -51,9 +51,7 @@ class VideoWriter:
             raise InputError(f"{path}: cannot write this type of file; expected {', '.join(CONTAINER_SUFFIXES)}")
         if not self._path.parent.is_dir():
             raise InputError(f"{path}: its folder does not exist; expected an existing one")
-        if not (math.isfinite(frame_rate) and frame_rate > 0):
-            raise InputError(f"frame_rate is {frame_rate}; expected a positive number of frames per second")
-        self._frame_rate = Fraction(frame_rate).limit_denominator(1001)
+        self._frame_rate = Fraction(validate_frame_rate(frame_rate)).limit_denominator(1001)
         self._encoder = _available_encoder()
         self._stack = ExitStack()
         self._container: av.container.OutputContainer | None = None
@@ -103,7 +101,7 @@ class VideoWriter:
         if error is None and self._container is not None and self._stream is not None:
             self._mux(self._container, self._stream.encode(None))
 
-    def _mux(self, container: av.container.OutputContainer, packets: "Sequence[av.Packet[av.VideoStream]]") -> None:
+    def _mux(self, container: av.container.OutputContainer, packets: Sequence["av.Packet[av.VideoStream]"]) -> None:
         for packet in packets:  # only that of the last one counts
             if packet.time_base is not None:
                 packet.duration = round(min(float(1 / self._frame_rate), MAX_LAST_S) / packet.time_base)

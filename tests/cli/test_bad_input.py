@@ -198,8 +198,9 @@ def test_overrides(refused: Callable[..., None], override: str, words: Sequence[
         ("early_stopping.patience=-1", "a whole number of at least 0, or null"),
         ("cache.limit_mb=0", "a number above 0"),
         ("cache.enabled=0", "true or false"),
-        ("task.frame_rate=0", "a number above 0, or null"),
-        ("task.frame_rate=x", "a number above 0, or null"),
+        ("task.frame_rate=0", "a number of at least 0.01 and at most 10000, or null"),
+        ("task.frame_rate=0.001", "a number of at least 0.01 and at most 10000, or null"),
+        ("task.frame_rate=x", "a number of at least 0.01 and at most 10000, or null"),
         ("task.every=0", "a whole number of at least 1"),
         ("descriptor.sift.root=1", "true or false"),
         ("descriptor.sift.contrast_threshold=x", "a number"),
@@ -386,7 +387,7 @@ def test_checkpoints_to_resume_from(refused: Callable[..., None], skill: Path, t
     refused(
         2,
         ["trainer.max_epochs=3", "demonstration.gap=3", f"ckpt_path={skill}"],
-        *(str(skill), "[2]", "[3]", "demonstration"),
+        *(str(skill), "was trained with demonstration.gap=2; expected demonstration.gap=3, as in this run"),
     )
     cut = tmp_path / "cut.ckpt"
     cut.write_bytes(skill.read_bytes()[:5000])

@@ -1,6 +1,7 @@
 """The commands as processes: help, Ctrl-C, kill, wandb and other folders."""
 
 import csv
+import errno
 import json
 import os
 import pwd
@@ -16,9 +17,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import torch
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import ConfigCompositionException
 
 from geoskill.cli.command import explain, give_libraries_a_home
@@ -307,3 +311,17 @@ def test_home_of_the_user_stays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setenv("HOME", str(tmp_path))
     give_libraries_a_home()
     assert os.environ["HOME"] == str(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("free", "named"), [({"/run": 9e9, "/tmp/own": 0}, "/tmp/own"), ({"/run": 0, "/tmp/own": 9e9}, "where the run")]
+)
+def test_the_disk_that_is_full_is_named(monkeypatch: pytest.MonkeyPatch, free: dict[str, float], named: str) -> None:
+    """A failed write does not say where it went."""
+    monkeypatch.setattr("tempfile.gettempdir", lambda: "/tmp/own")
+    monkeypatch.setattr("shutil.disk_usage", lambda place: Mock(free=free.get(place, free["/run"])))
+    GlobalHydra.instance().clear()
+    HydraConfig.instance().cfg = None
+    status, message = explain(OSError(errno.ENOSPC, "No space left on device"), "train")
+    assert status == 1
+    assert message.startswith(named)

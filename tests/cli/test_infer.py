@@ -17,8 +17,10 @@ import pytest
 import yaml
 
 from geoskill.cli.reporting import write_inference
+from geoskill.errors import InputError
 from geoskill.io.camera import Camera
 from geoskill.io.frames import Frame, FrameSource
+from geoskill.io.video import ImageFolder
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
 
@@ -187,3 +189,35 @@ def test_ctrl_c_keeps_the_results_so_far(
     with pytest.raises(KeyboardInterrupt):
         write_inference(loaded, loaded.infer, source, source, tmp_path, 0.1, {}, threads)
     assert (tmp_path / "associations.jsonl").read_text() == "earlier"
+
+
+def test_camera_that_changes_size_keeps_the_results_so_far(
+    skill: Path, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = Mock(spec=cv2.VideoCapture)
+    capture.get.return_value = 30.0
+    pictures = [*demonstration_frames[:3], demonstration_frames[3][:100]]
+    capture.read.side_effect = [(True, frame[:, :, ::-1]) for frame in pictures]
+    monkeypatch.setattr(cv2, "VideoCapture", lambda index: capture)
+    loaded, camera = Skill.load(skill), Camera(0)
+    with pytest.raises(InputError, match=r"^camera 0: frame 3 is 160x100 pixels; expected 160x120"):
+        write_inference(loaded, loaded.infer, camera, camera, tmp_path, 0.1, {}, threads=1)
+    assert {line["frame"] for line in associations(tmp_path)} == {0, 1, 2}
+    assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 3
+    assert len(decoded(tmp_path / "overlay.mp4")) == 3
+
+
+def test_failure_in_the_middle_keeps_the_results_so_far(
+    skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    loaded, source, used = Skill.load(skill), ImageFolder(demonstration_folder), count()
+
+    def fails(*given: Any) -> InferenceResult:
+        if next(used) == 2:
+            raise RuntimeError("out of memory")
+        return loaded.infer(*given)
+
+    with pytest.raises(RuntimeError, match="out of memory"):
+        write_inference(loaded, fails, source, source, tmp_path, 0.1, {}, threads=1)
+    assert {line["frame"] for line in associations(tmp_path)} == {0, 1}
+    assert json.loads((tmp_path / "metrics.json").read_text())["frames"] == 2

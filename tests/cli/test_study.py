@@ -141,3 +141,13 @@ def test_a_refused_checkpoint_is_trained_again(monkeypatch: pytest.MonkeyPatch, 
     job.perform()
     assert [call[0] for call in calls] == ["train", "train", "evaluate"]
     assert calls[1] == ("train",)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]"])
+def test_a_step_with_damaged_results_is_done_again(tmp_path: Path, content: str) -> None:
+    (step,) = (job.training for job in study(seeds=[1], variants={"default": []}).jobs(tmp_path, quick=False))
+    begin(step)
+    step.metrics_path.write_text("{}")
+    assert step.is_complete()
+    step.metrics_path.write_text(content)
+    assert not step.is_complete()

@@ -120,3 +120,25 @@ def test_ablation_experiment_is_a_sweep(script: Command, tiny: Sequence[str], tm
     assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
     rows = json.loads((tmp_path / "summary.json").read_text())
     assert [(row["objective.rsw_weight"], row["runs"]) for row in rows] == [("0.0", 1), ("1.0", 1)]
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", "\x00", '{"steps": 1'])
+def test_damaged_results_leave_the_others_in_the_summary(
+    tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        write_run(tmp_path / str(number), [f"seed={number}"], {"steps": number})
+    (tmp_path / "1" / "metrics.json").write_text(content)
+    runs, _ = read_runs(tmp_path)
+    assert runs.to_dict("list") == {"steps": [0, 2]}
+    warning = capsys.readouterr().err
+    assert warning.startswith(f"warning: {tmp_path / '1'}: left out, its results cannot be read (")
+    assert len(warning.splitlines()) == 1
+
+
+def test_damaged_overrides_leave_the_others_in_the_summary(tmp_path: Path) -> None:
+    for number in range(2):
+        write_run(tmp_path / str(number), [f"seed={number}"], {"steps": number})
+    (tmp_path / "0" / ".hydra" / "overrides.yaml").write_text("[unfinished")
+    runs, _ = read_runs(tmp_path)
+    assert runs.to_dict("list") == {"steps": [1]}

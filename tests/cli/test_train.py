@@ -252,3 +252,26 @@ def test_black_frames_have_a_reason(command: Command, tiny: Sequence[str], tmp_p
         "reason": "no instance: 0 points found",
     }
     check_video(run / "overlay.mp4", FRAMES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("frames", "overrides"), [(3, ()), (4, ()), (20, ("demonstration.gap=18",)), (20, ("demonstration.gap=19",))]
+)
+def test_few_frames_and_long_gaps(
+    command: Command, tiny: Sequence[str], tmp_path: Path, frames: int, overrides: Sequence[str]
+) -> None:
+    """As few transitions as there can be, one or two, over up to the whole demonstration."""
+    source = Path(tiny[1].removeprefix("task.path="))
+    demonstration = tmp_path / "demonstration"
+    demonstration.mkdir()
+    for path in sorted(source.iterdir())[:frames]:
+        (demonstration / path.name).write_bytes(path.read_bytes())
+    given = [*tiny, f"task.path={demonstration}", *overrides, f"hydra.run.dir={tmp_path / 'run'}"]
+    ended = command("train", *given)
+    if overrides:  # nothing can be followed that far
+        assert (ended.status, len(ended.stderr.splitlines())) == (2, 1)
+        assert "nothing moves in the demonstration" in ended.stderr
+    else:
+        assert (ended.status, ended.stderr) == (0, "")
+        assert json.loads((tmp_path / "run" / "metrics.json").read_text())["frames"] == frames

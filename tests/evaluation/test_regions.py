@@ -242,3 +242,19 @@ def test_label_on_blocks(blocks: Path) -> None:
     centers = [at.polygons[SceneRole.OBJECT].mean(axis=0) for at in (start, end)]
     target = end.polygons[SceneRole.TARGET].mean(axis=0)
     assert np.linalg.norm(centers[1] - target) < 0.7 * np.linalg.norm(centers[0] - target)
+
+
+def test_repeated_keys_are_found_in_a_large_file_at_once(tmp_path: Path) -> None:
+    """Searching every key in all others would take hours."""
+    path = tmp_path / "regions.json"
+    path.write_text("{" + ",".join(f'"{number}":0' for number in [*range(300_000), 299_999]) + "}")
+    with pytest.raises(InputError, match=r"the key '299999' occurs more than once"):
+        load_regions(path)
+
+
+def test_files_that_would_fill_the_memory_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "regions.json"
+    with path.open("wb") as file:
+        file.truncate(20_000_001)
+    with pytest.raises(InputError, match=rf"^{path}: is 20000001 bytes large; expected .+ of at most 20000000$"):
+        load_regions(path)

@@ -179,7 +179,8 @@ def test_extract_from_a_picture_without_edges_is_empty(shape: tuple[int, int]) -
     [
         ({"min_length_ratio": 20.0}, "min_length_ratio is 20.0; expected a fraction"),
         ({"min_length_ratio": -0.1}, "min_length_ratio is -0.1; expected a fraction"),
-        ({"band_width": 6}, "band_width is 6; expected a positive odd number"),
+        ({"band_width": 6}, "band_width is 6; expected an odd number of pixels from 1 to 63"),
+        ({"band_width": 65}, "band_width is 65; expected an odd number of pixels from 1 to 63"),
     ],
 )
 def test_arguments_out_of_range_are_refused(arguments: dict[str, Any], message: str) -> None:

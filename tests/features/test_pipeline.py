@@ -261,3 +261,32 @@ def test_color_of_lines_and_of_no_features() -> None:
 def test_negative_color_is_refused() -> None:
     with pytest.raises(InputError, match=r"^color=-1: expected 0 \(none\) or more$"):
         FeaturePipeline(Sift(), max_features=2, min_side=0, color=-1)
+
+
+@pytest.mark.parametrize(
+    ("shape", "enlarged"),
+    [
+        ((30, 40), (60, 80)),
+        ((30, 120), (60, 240)),  # four squares
+        ((20, 320), (30, 480)),
+        ((1, 200), (8, 1697)),
+        ((200, 1), (1697, 8)),
+        ((61, 500), (61, 500)),
+    ],
+)
+def test_strips_are_enlarged_no_further_than_other_pictures(shape: tuple[int, int], enlarged: tuple[int, int]) -> None:
+    """With a ``min_side`` of 60, to no more than 4 x 60 x 60 pixels."""
+    seen = []
+
+    @final
+    class Looks(FeatureExtractor):
+        name: ClassVar[str] = "looks"
+        node_type: ClassVar[NodeType] = NodeType.POINT
+        descriptor_dim: ClassVar[int] = 4
+
+        def extract(self, image: np.ndarray, limit: int | None = None) -> FeatureSet:
+            seen.append(image.shape)
+            return FeatureSet.empty(self.node_type, self.descriptor_dim)
+
+    FeaturePipeline(Looks(), max_features=2, min_side=60).extract(np.zeros((*shape, 3), np.uint8))
+    assert seen == [enlarged]

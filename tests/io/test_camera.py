@@ -66,3 +66,15 @@ def test_camera_raises_when_it_cannot_be_opened(captures: list[Mock]) -> None:
     with pytest.raises(InputError, match=r"camera 5: cannot be opened; expected the index of a connected camera"):
         Camera(5)
     assert all_released(captures)
+
+
+def test_camera_raises_when_its_pictures_change_size(captures: list[Mock]) -> None:
+    camera = Camera(3)
+    message = r"^camera 3: frame 2 is 8x4 pixels; expected 6x4, as before \(another program may have set the camera\)$"
+    frames = iter(camera)
+    first = next(frames)
+    captures[-1].read.side_effect = [(True, PICTURE), (True, np.zeros((4, 8, 3), np.uint8))]
+    assert next(frames).image.shape == first.image.shape
+    with pytest.raises(InputError, match=message):
+        next(frames)
+    assert all_released(captures)

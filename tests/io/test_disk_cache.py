@@ -47,6 +47,15 @@ def test_get_or_compute_replaces_a_file_that_does_not_unpack(tmp_path: Path, err
     assert cache.get_or_compute(KEY, fail, pack, unpack) == "new"
 
 
+def test_a_file_that_inflates_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / KEY[:2] / f"{KEY}.npz"
+    path.parent.mkdir()
+    np.savez_compressed(path, text=np.array("x" * 1_000_000))
+    assert path.stat().st_size < 100_000
+    assert DiskCache(tmp_path).get_or_compute(KEY, lambda: "new", pack, unpack) == "new"
+    assert DiskCache(tmp_path).get_or_compute(KEY, fail, pack, unpack) == "new"
+
+
 @pytest.mark.parametrize("limit_mb", [0.0, -1.0, float("nan")])
 def test_limit_must_be_positive(limit_mb: float) -> None:
     with pytest.raises(InputError, match=rf"^limit_mb={limit_mb}: expected a positive number of meg"):

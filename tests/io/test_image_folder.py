@@ -101,7 +101,7 @@ def test_no_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf")])
 def test_frame_rate_must_be_positive(tmp_path: Path, rate: float) -> None:
-    with pytest.raises(InputError, match=r"frame_rate is .*; expected a positive number"):
+    with pytest.raises(InputError, match=r"frame_rate is .*; expected frames per second from"):
         ImageFolder(tmp_path, rate)
 
 

@@ -122,7 +122,7 @@ class TestVideoFile:
         assert [frame.time_s for frame in source] == pytest.approx([0.0, 0.1, 0.2])
 
     def test_frame_rate_of_zero_is_refused(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match=r"frame_rate is 0\.0; expected a positive number"):
+        with pytest.raises(InputError, match=r"frame_rate is 0; expected frames per second from"):
             VideoFile(write_video(tmp_path / "demo.mp4", noise(3)), frame_rate=0.0)
 
     @pytest.mark.parametrize(
@@ -246,3 +246,20 @@ class TestVideoFile:
         path.write_bytes(data)
         with pytest.raises(InputError, match=r"bad\.mp4: the video breaks at frame \d+: cannot be decoded"):
             list(VideoFile(path))
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".mp4", ".avi"])
+def test_metadata_need_not_be_utf8(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"video{suffix}"
+    with av.open(str(path), "w") as container:
+        container.metadata["title"] = "A-TITLE"
+        stream = container.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for value in range(3):
+            image = np.full((48, 64, 3), 80 * value, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode(None))
+    content = path.read_bytes()
+    assert b"A-TITLE" in content
+    path.write_bytes(content.replace(b"A-TITLE", b"\xff\xfe\xc3(\xff\xff\x80"))
+    assert len(list(VideoFile(path))) == 3

@@ -1,6 +1,7 @@
 """Tests of associations and nodes, and of their exact form in associations.jsonl."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,9 @@ def test_abstain_below_drops_doubtful_members() -> None:
         "p2p_sift": "no association visible: the selected one has a confidence of 0.12, less than 0.2",
     }
     assert abstain_below(result, 0.125) is result, "the smallest confidence is still selected"
+    for smallest in (0.0, 0.2, 1.0):
+        unknown = InferenceResult((replace(sure, confidence=float("nan")),), {}, {})
+        assert abstain_below(unknown, smallest).associations == (), "no number is not confident"
     nothing = abstain_below(result, 1.0)
     assert (nothing.associations, nothing.error.shape) == ((), (4,))
     assert not nothing.error_available.any()

@@ -148,8 +148,13 @@ CASES: list[tuple[tuple[str, ...], object, str]] = [
     ((*ROOT, "metrics"), [0.5], "the skill's provenance.metrics is [0.5]; expected names with values"),
     ((*ROOT, "metrics"), {"rsw": "low"}, "the skill's provenance.metrics are {'rsw': 'low'}; expected numbers"),
     ((*ROOT, "configuration"), "a", "the skill's provenance.configuration is 'a'; expected names with values"),
+    (
+        (*ROOT, "configuration", "optimizer"),
+        {"lr": [torch.zeros(1)]},
+        "the skill's provenance.configuration holds a tensor; expected plain values",
+    ),
     ((*ROOT, "scene"), "sorting", "the skill's provenance.scene is 'sorting'; expected names with values"),
-    ((*ROOT, "scene", "seed"), 1.5, "the skill's provenance.scene.seed is 1.5; expected a whole number"),
+    ((*ROOT, "scene", "seed"), 1.5, "the skill's provenance.scene.seed is 1.5; expected a whole number of at least 0"),
     ((*ROOT, "scene", "task"), None, "the skill's provenance.scene.task is None; expected text"),
     (
         (*ROOT, "scene", "task"),

@@ -98,7 +98,7 @@ class Acting:
     ("damage", "message"),
     [
         (no_file, "no such file; expected the skill.ckpt of a training run"),
-        (an_empty_file, "cannot be read as a checkpoint; expected the skill.ckpt of a training run"),
+        (an_empty_file, r"cannot be read as a checkpoint \(it is broken\); expected the skill.ckpt of a training run"),
         (random_bytes, "cannot be read as a checkpoint"),
         (half_of_it, "cannot be read as a checkpoint"),
         (all_but_the_end, "cannot be read as a checkpoint"),

@@ -126,7 +126,11 @@ def test_plan_completes_the_arguments_of_the_network(model: object, expected: Ma
             r"^descriptor=sift has no argument 'contrast'; expected contrast_",
         ),
         ("p2p", {"sift": {"root": [1]}}, r"^descriptor=sift: root is \[1\]; expected a number, text, true or false$"),
-        ("p2l", {"sift": {}, "lbd": {"band_width": 4}}, r"^band_width is 4; expected a positive odd number"),
+        (
+            "p2l",
+            {"sift": {}, "lbd": {"band_width": 4}},
+            r"^band_width is 4; expected an odd number of pixels from 1 to 63",
+        ),
         ({"p2p": {"sigma": 1}}, "sift", r"^kernel=p2p has no argument 'sigma'; expected no arguments$"),
     ],
 )
@@ -143,7 +147,10 @@ def test_plan_refuses_what_does_not_fit(kernel: object, descriptors: object, mes
         ({"hidden_dim": 8}, r"^model=\{'hidden_dim': 8\}: expected a name, or a mapping of name and arguments$"),
         (None, r"^model=None: expected a name"),
         ({"name": "bilinear", "layers": 3}, r"^model=bilinear has no argument 'layers'; expected hidden_dim$"),
-        ({"name": "bilinear", "hidden_dim": "8"}, r"^hidden_dim=8: expected a whole number of at least 1$"),
+        (
+            {"name": "bilinear", "hidden_dim": "8"},
+            r"^hidden_dim=8: expected a whole number of at least 1 and at most 4096$",
+        ),
         (
             {"name": "message_passing", "cascade": 3},
             r"^cascade=3: expected at least top_k=4, the associations",
@@ -289,9 +296,9 @@ def test_build_refuses_unknown_arguments(kind: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"hidden_dim": "8"}, "hidden_dim=8: expected a whole number of at least 1"),
-        ({"hidden_dim": None}, "hidden_dim=null: expected a whole number of at least 1"),
-        ({"hidden_dim": 0}, "hidden_dim=0: expected a whole number of at least 1"),
+        ({"hidden_dim": "8"}, "hidden_dim=8: expected a whole number of at least 1 and at most 4096"),
+        ({"hidden_dim": None}, "hidden_dim=null: expected a whole number of at least 1 and at most 4096"),
+        ({"hidden_dim": 0}, "hidden_dim=0: expected a whole number of at least 1 and at most 4096"),
         ({"hidden_dim": 4, "layers": 2}, "model=bilinear has no argument 'layers'; expected hidden_dim"),
     ],
 )
@@ -427,11 +434,23 @@ def test_from_plain_refuses_a_skill_without_members() -> None:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (("features", "max_features"), 1, "features: max_features=1: expected a whole number of at least 2"),
-        (("features", "max_features"), "9", "features: max_features=9: expected a whole number of at least 2"),
-        (("features", "min_side"), None, "features: min_side=null: expected a whole number of at least 0"),
-        (("features", "color"), float("nan"), "features: color=nan: expected a number of at least 0"),
-        (("features", "color"), [8.0], "features: color=[8.0]: expected a number of at least 0"),
+        (
+            ("features", "max_features"),
+            1,
+            "features: max_features=1: expected a whole number of at least 2 and at most 5000",
+        ),
+        (
+            ("features", "max_features"),
+            "9",
+            "features: max_features=9: expected a whole number of at least 2 and at most 5000",
+        ),
+        (
+            ("features", "min_side"),
+            None,
+            "features: min_side=null: expected a whole number of at least 0 and at most 1080",
+        ),
+        (("features", "color"), float("nan"), "features: color=nan: expected a number of at least 0 and at most 1000"),
+        (("features", "color"), [8.0], "features: color=[8.0]: expected a number of at least 0 and at most 1000"),
         (
             ("members", "p2l_sift_lbd", "extractors", "plane"),
             "sift",

@@ -20,6 +20,7 @@ from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import Provenance, read_skill
 from geoskill.skill.skill import Skill
 from geoskill.training.callbacks import MetricsTable, SkillRecord
+from geoskill.training.divergence import DivergenceGuard
 from geoskill.training.learn import LearnedSkill
 from geoskill.training.trainer import build_trainer
 
@@ -228,8 +229,11 @@ def test_callbacks_are_in_the_order_in_which_they_depend_on_each_other(
     config = configured(early_stopping=EarlyStoppingConfig(patience=1))
     provenance = Provenance(("tiles",), (160, 120), date="", version="", seed=0)
     record = SkillRecord(training.spec, provenance, {}, training.demonstration)
-    trainer = build_trainer(config, MetricsTable(), record, tmp_path / "skill.ckpt", (), progress_bar=False)
+    trainer = build_trainer(
+        config, DivergenceGuard(), MetricsTable(), record, tmp_path / "skill.ckpt", (), progress_bar=False
+    )
     assert [type(callback).__name__ for callback in trainer.callbacks] == [
+        "DivergenceGuard",
         "MetricsTable",
         "EMAWeightAveraging",
         "EarlyStopping",
@@ -344,7 +348,10 @@ def test_learn_refuses_a_demonstration_in_which_nothing_moves(
         ({"descriptor": "lbd"}, "kernel=p2p joins a point, and lbd describes a line; expected a descriptor of a point"),
         ({"model": "large"}, "model=large: no such model; expected one of "),
         ({"model": {"name": "bilinear", "hidden": 8}}, "model=bilinear has no argument 'hidden'; expected hidden_dim$"),
-        ({"model": {"name": "bilinear", "hidden_dim": 0}}, "hidden_dim=0: expected a whole number of at least 1$"),
+        (
+            {"model": {"name": "bilinear", "hidden_dim": 0}},
+            "hidden_dim=0: expected a whole number of at least 1 and at most 4096$",
+        ),
         (
             {"model": {"name": "message_passing", "cascade": 3}},
             "cascade=3: expected at least top_k=4, the assoc",
@@ -359,3 +366,9 @@ def test_learn_refuses_a_wrong_configuration(
     with pytest.raises(InputError, match=f"^{message}") as caught:
         learn_unchecked(configured(**settings), pictures)
     assert "\n" not in str(caught.value)
+
+
+def test_three_frames_are_enough(learn_unchecked: Learn, configured: Configured, pictures: np.ndarray) -> None:
+    """One transition there and, with negatives drawn for each, one back."""
+    config = configured(1, demonstration={"max_span_ratio": 0, "num_negatives": 2})
+    assert learn_unchecked(config, pictures[:3]).metrics["steps"] >= 1

@@ -11,7 +11,14 @@ import pytest
 import torch
 from lightning.pytorch.loggers import Logger
 
-from geoskill.config import EarlyStoppingConfig, ObjectiveConfig, OptimizerConfig, ScenarioConfig, TrainConfig
+from geoskill.config import (
+    EarlyStoppingConfig,
+    ObjectiveConfig,
+    OptimizerConfig,
+    ScenarioConfig,
+    TrainConfig,
+    TrainerConfig,
+)
 from geoskill.errors import InputError
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill
 from geoskill.skill.skill import Skill
@@ -321,8 +328,30 @@ SCENE = SimulatedScene("sorting", 3, ScenarioConfig())
         (
             {"demonstration": {"gap": 3}},
             {},
-            r"learned from transitions over \[2, 4\] .*, \[3\] \(init_from=",
+            r"was trained with demonstration\.gap=2; expected demonstration\.gap=3, as in",
         ),
+        (
+            {"optimizer": OptimizerConfig(lr=0.1)},
+            {},
+            r"was trained with optimizer\.lr=0\.003; expected optimizer\.lr=0\.1, ",
+        ),
+        (
+            {"seed": 7},
+            {},
+            r"was trained with seed=0; expected seed=7, as in this run \(init_from= starts from its weigh",
+        ),
+        ({"ema_decay": None}, {}, r"was trained with ema_decay=0\.99; expected ema_decay=null, as in this run"),
+        (
+            {"objective": ObjectiveConfig(top_k=3, sigma0=2.0, reward="frame")},
+            {},
+            r"was trained with objective\.sigma0=0\.55, objective\.reward=tracked; expected objective\.sigma0=2\.0, o",
+        ),
+        (
+            {"trainer": TrainerConfig(gradient_clip_val=None)},
+            {},
+            r"was trained with trainer\.limit_train_batches=3, train",
+        ),
+        ({}, {"shorter": True}, r"learned from transitions over \[2, 4\] .*, \[2\] \(init_from="),
         ({}, {"scene": SCENE}, r"learned from a video; expected what this run learns from, SimulatedScene\("),
         ({}, {"demonstrations": 2}, r"learned from 1 demonstration\(s\); expected 2, as this run$"),
     ],
@@ -336,7 +365,8 @@ def test_resuming_another_training_is_refused(
     options: dict[str, Any],
     message: str,
 ) -> None:
-    demonstrations = [pictures] * options.pop("demonstrations", 1)
+    demonstrations = [pictures[:6] if "shorter" in options else pictures] * options.get("demonstrations", 1)
+    options = {name: value for name, value in options.items() if name == "scene"}
     with pytest.raises(InputError, match=f"^{finished}: {message}") as caught:
         learn_unchecked(configured(**{"model": NETWORK, **settings}), demonstrations, resume=finished, **options)
     assert "\n" not in str(caught.value)
@@ -461,3 +491,54 @@ def test_init_from_weights_that_do_not_fit_is_refused(
     with pytest.raises(InputError, match=rf"^{path}: its weights do not fit its specification \(.+\)$") as caught:
         learn_unchecked(configured(model=NETWORK), pictures, init_from=path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("callbacks",), None),
+        (("callbacks", "MetricsTable", "rows"), {"_target_": "os.getcwd"}),
+        (("callbacks", "MetricsTable", "rows", 0, "step"), "x"),
+        (("global_step",), -1),
+        (("loops", "fit_loop", "epoch_progress", "current", "processed"), "x"),
+        (("optimizer_states", 0, "param_groups", 0, "lr"), "${oc.env:HOME}"),
+        (("optimizer_states", 0, "state", 0), {"_target_": "os.getcwd"}),
+        (("current_model_state",), []),
+    ],
+)
+@pytest.mark.usefixtures("annotations_unchecked")
+def test_damaged_state_of_a_training_is_refused(
+    learn_unchecked: Learn,
+    configured: Configured,
+    pictures: np.ndarray,
+    finished: Path,
+    tmp_path: Path,
+    where: tuple[Any, ...],
+    value: Any,
+) -> None:
+    """Whether this package reads it or Lightning does."""
+    contents = entries = torch.load(finished, weights_only=True)
+    for key in where[:-1]:
+        entries = entries[key]
+    entries[where[-1]] = value
+    path = tmp_path / "damaged.ckpt"
+    torch.save(contents, path)
+    with pytest.raises(InputError, match=rf"^{path}: the state of its training .+; expected ") as caught:
+        learn_unchecked(configured(2, model=NETWORK), pictures, resume=path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_training_may_go_on_elsewhere_and_longer(
+    learn_unchecked: Learn, configured: Configured, pictures: np.ndarray, finished: Path
+) -> None:
+    """With other devices, threads and inference; it began when it began."""
+    config = configured(
+        2,
+        model=NETWORK,
+        threads=2,
+        early_stopping=EarlyStoppingConfig(patience=5),
+        trainer=TrainerConfig(max_epochs=2, limit_train_batches=3, accelerator="auto", enable_progress_bar=False),
+    )
+    learned = learn_unchecked(config, pictures, resume=finished)
+    assert learned.skill.provenance.epochs == (2, 2)
+    assert learned.skill.provenance.date == read_skill(finished).provenance.date

@@ -135,7 +135,7 @@ def test_bad_names_and_rates(tmp_path: Path) -> None:
         VideoWriter(tmp_path / "overlay.txt", 10.0)
     with pytest.raises(InputError, match=r"overlay\.mp4: its folder does not exist"):
         VideoWriter(tmp_path / "absent" / "overlay.mp4", 10.0)
-    with pytest.raises(InputError, match=r"frame_rate is 0\.0; expected a positive number"):
+    with pytest.raises(InputError, match=r"frame_rate is 0; expected frames per second from 0\.01 to 10000"):
         VideoWriter(tmp_path / "overlay.mp4", 0.0)
 
 
@@ -156,3 +156,13 @@ def test_encoder_that_cannot_start_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises((av.error.FFmpegError, ValueError)), VideoWriter(tmp_path / "overlay.mp4", 10.0) as writer:
         writer.write(np.zeros((2, 40000, 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.5, 29.97, 10_000.0])
+def test_extreme_frame_rates(tmp_path: Path, rate: float) -> None:
+    path = tmp_path / "video.mp4"
+    with VideoWriter(path, rate) as writer:
+        for value in (0, 255):
+            writer.write(np.full((48, 64, 3), value, np.uint8))
+    with av.open(str(path)) as container:
+        assert float(container.streams.video[0].average_rate or 0) == pytest.approx(rate, rel=1e-3)
