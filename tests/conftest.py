@@ -17,7 +17,7 @@ from geoskill.skill.spec import SkillSpec, plan_skill
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
 
-pytest_plugins = ["tests.training_runs"]
+pytest_plugins = ["tests.training_runs", "tests.command_runs"]
 
 # The demonstrations are no part of this repository; they lie in a folder beside it.
 BLOCKS = Path(__file__).resolve().parents[2] / "shared" / "data" / "blocks"

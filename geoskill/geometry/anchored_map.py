@@ -231,10 +231,10 @@ def _least_squares(
         (x, y), (u, v) = points.T, normals.T
         linear = [u * x, u * y, v * x, v * y] if affine else [u * x + v * y, v * x - u * y]
         rows.append(np.stack([*linear, u, v], axis=1))
-    system, wanted = np.concatenate(rows), np.concatenate(values)
-    scale = np.abs(system).max(axis=0)
-    solution, _, rank, _ = np.linalg.lstsq(system / scale, wanted, rcond=1e-6)
-    if rank < system.shape[1]:
+    equations, wanted = np.concatenate(rows), np.concatenate(values)
+    scale = np.abs(equations).max(axis=0)
+    solution, _, rank, _ = np.linalg.lstsq(equations / scale, wanted, rcond=1e-6)
+    if rank < equations.shape[1]:
         return None
     *linear, right, down = solution / scale
     upper = linear if affine else [linear[0], -linear[1], linear[1], linear[0]]

@@ -82,8 +82,8 @@ def _fitted(
 ) -> Float64[np.ndarray, "2"]:
     """Return the shortest of the translations with the smallest weighted squared residual."""
     root = np.ones(len(errors)) if weights is None else np.sqrt(weights)
-    system = (slopes * root[:, None, None]).reshape(-1, 2)
-    solution: np.ndarray = np.linalg.lstsq(system, (errors * root[:, None]).ravel(), rcond=MIN_DETERMINED)[0]
+    equations = (slopes * root[:, None, None]).reshape(-1, 2)
+    solution: np.ndarray = np.linalg.lstsq(equations, (errors * root[:, None]).ravel(), rcond=MIN_DETERMINED)[0]
     return solution
 
 

@@ -250,5 +250,5 @@ def _tolerance(name: str, member: KernelModel, last: Sequence[MotifGraph]) -> fl
 
 
 def _middle(geometry: Float[Tensor, "n g"]) -> Float[Tensor, "n 2"]:
-    middle: Tensor = geometry.reshape(len(geometry), -1, 2).mean(dim=1)
+    middle: Tensor = geometry.reshape(len(geometry), geometry.shape[1] // 2, 2).mean(dim=1)
     return middle

@@ -3,7 +3,7 @@
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import final
+from typing import Any, final
 
 import torch
 from lightning import LightningModule
@@ -16,6 +16,7 @@ from geoskill.graphs.motif_graph import MotifGraph, take_features, with_instance
 from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.inmaxent import FrameSelection, ObjectiveValue, transition_objective
 from geoskill.objective.selection import select_out
+from geoskill.training.calibration import uncalibrated
 from geoskill.training.error_changes import error_changes, instance_goal_progress
 
 Batch = Mapping[str, Mapping[str, MotifGraph]]
@@ -58,6 +59,11 @@ class SkillTraining(LightningModule):
         self.feature_dropout = feature_dropout
         self.max_visible_features = max_visible_features
         self.seed = seed
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Forget the calibration of a finished skill whose training goes on; it is fitted anew when that ends."""
+        members = {name: own for name, own in self.members.items() if isinstance(own, KernelModel)}
+        checkpoint["state_dict"] |= uncalibrated(members, prefix="members.")
 
     def configure_optimizers(self) -> Optimizer:
         """Return one optimizer for all members; Adam updates every weight by itself, so members do not mix."""

@@ -20,7 +20,7 @@ from geoskill.cli.reporting import write_inference
 from geoskill.errors import InputError
 from geoskill.io.camera import Camera
 from geoskill.io.frames import Frame, FrameSource
-from geoskill.io.video import ImageFolder
+from geoskill.io.image_folder import ImageFolder
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
 
@@ -99,7 +99,7 @@ def test_video_file(
     black = np.zeros_like(demonstration_frames[0])
     path = write_video(tmp_path / "robot.mp4", (*demonstration_frames[:4], black, *demonstration_frames[4:6]))
     run = tmp_path / "run"
-    ended = command("infer", f"skill={skill}", f"video={path}", f"hydra.run.dir={run}")
+    ended = command("infer", f"skill={skill}", f"video={path}", "inference.abstain=0", f"hydra.run.dir={run}")
     assert (ended.status, ended.stderr, ended.folder) == (0, "", run)
     lines = associations(run)
     first = [line for line in lines if line["rank"] in (0, 1)]

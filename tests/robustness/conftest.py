@@ -15,8 +15,6 @@ import torch
 from geoskill.skill.checkpoint import Provenance, skill_entry, write_checkpoint
 from geoskill.skill.spec import SkillSpec, build_skill
 
-pytest_plugins = ["tests.cli.conftest"]
-
 
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
     for item in items:
