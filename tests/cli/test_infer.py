@@ -69,7 +69,8 @@ def test_infer_does_not_import_lightning(
 def test_demonstration_gives_the_associations_of_training(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
-    ended = command("infer", f"skill={skill}", f"video={demonstration_folder}", f"hydra.run.dir={tmp_path}")
+    source = f"video={demonstration_folder}"
+    ended = command("infer", f"skill={skill}", source, "inference.abstain=0", f"hydra.run.dir={tmp_path}")
     assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
     assert ended.stderr == ""
     assert associations(tmp_path) == associations(trained.folder)

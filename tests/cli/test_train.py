@@ -214,7 +214,8 @@ def test_several_videos_are_learned_from_and_the_first_is_shown(
     # It has learned from both, and goes on with both only.
     assert (run / "metrics.csv").read_text() != (trained.folder / "metrics.csv").read_text()
     assert read_skill(run).provenance.sources == (str(first), str(second))
-    resumed = command("train", *tiny, f"ckpt_path={run / 'skill.ckpt'}", "trainer.max_epochs=3", f"hydra.run.dir={run}")
+    longer = [unlimited, f"ckpt_path={run / 'skill.ckpt'}", "trainer.max_epochs=3"]
+    resumed = command("train", *tiny, *longer, f"hydra.run.dir={run}")
     assert resumed.status == 2
     assert "learned from 2 demonstration(s); expected 1, as this run" in resumed.stderr
 

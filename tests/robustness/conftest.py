@@ -38,7 +38,7 @@ def small_skill(spec: SkillSpec, tmp_path_factory: pytest.TempPathFactory) -> Pa
     provenance = Provenance(("tiles.mp4",), (160, 120), "2026-02-03", "1", 7, finished=True, epochs=(2, 2))
     weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
     path: Path = tmp_path_factory.mktemp("skill") / "skill.ckpt"
-    write_checkpoint(path, {"skill": skill_entry(spec, provenance), "state_dict": weights})
+    write_checkpoint(path, {"skill": skill_entry(spec, provenance, {}), "state_dict": weights})
     return path
 
 

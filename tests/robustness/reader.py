@@ -22,7 +22,7 @@ from geoskill.evaluation.regions import load_regions
 from geoskill.features.cache import FeatureCache
 from geoskill.features.sift import Sift
 from geoskill.io.disk_cache import DiskCache
-from geoskill.io.video import ImageFolder
+from geoskill.io.image_folder import ImageFolder
 from geoskill.skill.skill import Skill
 
 MEMORY_BYTES = 2_000_000_000
