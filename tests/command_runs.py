@@ -39,12 +39,12 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def script(environment: dict[str, str]) -> Command:
-    """``script("train", "seed=1")`` runs ``python train.py seed=1`` from the repository's root."""
+def python(environment: dict[str, str]) -> Callable[..., "subprocess.CompletedProcess[str]"]:
+    """``python("-c", PROGRAM)`` runs the interpreter with these arguments from the repository's root."""
 
-    def run(name: str, *arguments: str, **settings: object) -> Ended:
-        ended = subprocess.run(  # type: ignore[call-overload]
-            [sys.executable, f"{name}.py", *arguments],
+    def run(*arguments: str, **settings: object) -> "subprocess.CompletedProcess[str]":
+        ended: subprocess.CompletedProcess[str] = subprocess.run(  # type: ignore[call-overload]
+            [sys.executable, *arguments],
             cwd=ROOT,
             env=environment,
             capture_output=True,
@@ -53,6 +53,17 @@ def script(environment: dict[str, str]) -> Command:
             check=False,
             **settings,
         )
+        return ended
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def script(python: Callable[..., "subprocess.CompletedProcess[str]"]) -> Command:
+    """``script("train", "seed=1")`` runs ``python train.py seed=1`` from the repository's root."""
+
+    def run(name: str, *arguments: str, **settings: object) -> Ended:
+        ended = python(f"{name}.py", *arguments, **settings)
         return Ended(ended.returncode, ended.stdout, ended.stderr)
 
     return run

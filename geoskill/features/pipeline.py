@@ -108,13 +108,20 @@ class FeaturePipeline:
         return self.cache.get_or_compute(frame, identity, lambda: self._extract(frame))
 
     def candidates(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
-        """Return the features of an RGB frame from which :attr:`preference` chooses; they are not cached."""
-        return self._described(frame, max(self.max_features, MAX_CANDIDATES))
+        """Return the features of an RGB frame from which :attr:`preference` chooses."""
+        pipeline = self.preferring(None)
+        pipeline.max_features = self._max_candidates
+        return pipeline.extract(frame)
+
+    @property
+    def _max_candidates(self) -> int:
+        return max(self.max_features, MAX_CANDIDATES)
 
     def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
         if self.preference is None:
             return self._described(frame, self.max_features)
-        candidates = self.candidates(frame)
+        # Cached as what is chosen of them, not as all there are.
+        candidates = self._described(frame, self._max_candidates)
         return candidates.take(self.preference.choose(candidates, self.max_features))
 
     def _described(self, frame: UInt8[np.ndarray, "height width 3"], limit: int) -> FeatureSet:

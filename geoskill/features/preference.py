@@ -2,9 +2,9 @@
 
 A plain thing has weak features: of the 60 strongest of a frame, none or two lie on a white box or a coaster, where a
 shirt has forty. Where a demonstration tells what is carried and where it is put (:mod:`geoskill.tracking.places`), a
-share of the features is kept by likeness to that::
+share of the features is kept by similarity to that::
 
-    likeness of f to a group = max over the group of f . g  -  max over the others of f . o
+    similarity of f to a group = max over the group of f . g  -  max over the others of f . o
 """
 
 from collections.abc import Sequence
@@ -55,10 +55,10 @@ class FeaturePreference:
         other = (features.descriptors @ self.others.T).max(axis=1)
         kept = np.zeros(len(features), bool)
         for group in self.groups:
-            likeness = (features.descriptors @ group.T).max(axis=1) - other
-            likeness[kept] = -np.inf
-            best = np.argsort(-likeness, kind="stable")[: int(GROUP_SHARE * count)]
-            kept[best[likeness[best] > 0]] = True
+            similarity = (features.descriptors @ group.T).max(axis=1) - other
+            similarity[kept] = -np.inf
+            best = np.argsort(-similarity, kind="stable")[: int(GROUP_SHARE * count)]
+            kept[best[similarity[best] > 0]] = True
         strongest = np.flatnonzero(~kept)[: count - int(kept.sum())]
         kept[strongest] = True
         return np.flatnonzero(kept)

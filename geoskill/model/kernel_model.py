@@ -35,7 +35,7 @@ class KernelModel(nn.Module):
             (:mod:`geoskill.model.confidence`).
         reference_axis: ``[2]``, the direction by which segments are directed (:func:`directed_nodes`), of unit length;
             to the right before training.
-        evidence_figures: ``[3]``, those of :attr:`evidence`; empty before training. All six are buffers, so that a
+        evidence_values: ``[3]``, those of :attr:`evidence`; empty before training. All six are buffers, so that a
             checkpoint holds them.
         goal: what is known of the end of the demonstration.
 
@@ -48,7 +48,7 @@ class KernelModel(nn.Module):
     node_order: Tensor
     reference_margin: Tensor
     reference_axis: Tensor
-    evidence_figures: Tensor
+    evidence_values: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class KernelModel(nn.Module):
         self.register_buffer("node_order", torch.zeros(0))
         self.register_buffer("reference_margin", torch.zeros(()))
         self.register_buffer("reference_axis", torch.tensor([1.0, 0.0]))
-        self.register_buffer("evidence_figures", torch.zeros(0))
+        self.register_buffer("evidence_values", torch.zeros(0))
         self.goal = GoalReference(kernel)
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
@@ -90,12 +90,12 @@ class KernelModel(nn.Module):
     @property
     def evidence(self) -> Evidence | None:
         """What the demonstration says of what was learned from it; None before training is finished."""
-        figures = self.evidence_figures.tolist()
-        return Evidence(*figures) if figures else None
+        values = self.evidence_values.tolist()
+        return Evidence(*values) if values else None
 
     def set_evidence(self, evidence: Evidence) -> None:
         """Set what the demonstration says of what was learned from it."""
-        self.evidence_figures = self.evidence_figures.new_tensor(astuple(evidence))
+        self.evidence_values = self.evidence_values.new_tensor(astuple(evidence))
 
     def moving_node_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """List the nodes of each instance of a frame so that the node that moved in the demonstration comes first.
@@ -113,7 +113,7 @@ class KernelModel(nn.Module):
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # The lengths of these buffers depend on the demonstration and its descriptors, so the stored shape rules.
-        for name in ("spans", "beta", "node_order", "evidence_figures"):
+        for name in ("spans", "beta", "node_order", "evidence_values"):
             if prefix + name in state_dict:
                 buffer = getattr(self, name)
                 setattr(self, name, buffer.new_empty(state_dict[prefix + name].shape))

@@ -9,8 +9,9 @@ from geoskill.data.transitions import Transitions
 from geoskill.model.confidence import score_margins
 from geoskill.model.kernel_model import KernelModel
 from geoskill.training.evidence import fit_evidence
-from geoskill.training.goal_reference import fit_goal_references
+from geoskill.training.goal_reference import fit_goal_reference
 from geoskill.training.reference_axis import fit_reference_axis
+from geoskill.training.selected_frames import first_demonstration
 
 
 def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
@@ -24,14 +25,16 @@ def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) ->
         demonstration: the one they were trained on.
     """
     fit_reference_margin(members, demonstration)
-    fit_reference_axis(members, demonstration)
-    fit_goal_references(members, demonstration)
-    fit_evidence(members, demonstration)
+    for name, member in members.items():
+        graphs = first_demonstration(name, demonstration)
+        fit_reference_axis(member, graphs)
+        fit_goal_reference(name, member, graphs)
+        fit_evidence(member, graphs)
 
 
 def is_calibration(key: str) -> bool:
     """Return whether an entry of a member's state is fitted by :func:`calibrate`."""
-    return key.endswith((".reference_margin", ".reference_axis", ".evidence_figures")) or ".goal." in key
+    return key.endswith((".reference_margin", ".reference_axis", ".evidence_values")) or ".goal." in key
 
 
 def uncalibrated(members: Mapping[str, KernelModel], prefix: str) -> dict[str, Tensor]:

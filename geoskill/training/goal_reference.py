@@ -1,6 +1,6 @@
 """What members remember of the end of their demonstration, fitted when training ends."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from geoskill.data.transitions import Transitions
 from geoskill.geometry.anchored_map import mapped
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
@@ -17,7 +16,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.goal import goals_of
 from geoskill.skill.matching import TOLERANCE_PX
 from geoskill.skill.scored_frame import ScoredInstances
-from geoskill.training.selected_frames import SelectedFrame, first_demonstration, selected_frames
+from geoskill.training.selected_frames import SelectedFrame, selected_frames
 
 MAX_STORED: Final = 256
 """Instances that are kept."""
@@ -43,20 +42,19 @@ SPREAD_FACTOR: Final = 2.0
 """The tolerance is at least so many medians of the noise of the goal error in the last frames."""
 
 
-def fit_goal_references(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
-    """Fit each member's ``goal`` to the first demonstration.
+def fit_goal_reference(name: str, member: KernelModel, graphs: Sequence[MotifGraph]) -> None:
+    """Fit a member's ``goal`` to a demonstration.
 
     A member of which it is not known which nodes move, since nothing it selects was followed to the end, stays without.
 
     Args:
-        members: by name, with their final weights and directions of segments, in evaluation mode.
-        demonstration: the one they were trained on.
+        name: of the member.
+        member: with its final weights and direction of segments, in evaluation mode.
+        graphs: of the demonstration's frames in the order of time, with instances and trajectories.
     """
-    for name, member in members.items():
-        graphs = first_demonstration(name, demonstration)
-        frames = list(selected_frames(member, graphs))
-        if frames:
-            _fit(name, member, frames, graphs[-LAST_FRAMES:])
+    frames = list(selected_frames(member, graphs))
+    if frames:
+        _fit(name, member, frames, graphs[-LAST_FRAMES:])
 
 
 def _fit(name: str, member: KernelModel, frames: Sequence[SelectedFrame], last: Sequence[MotifGraph]) -> None:

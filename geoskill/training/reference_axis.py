@@ -1,18 +1,18 @@
 """The direction by which segments are directed, fitted to the demonstration."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from geoskill.data.transitions import Transitions
 from geoskill.geometry.primitives import NodeType
 from geoskill.geometry.segments import direction
+from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.kernels.kernel import reference_line
 from geoskill.model.kernel_model import KernelModel
-from geoskill.training.selected_frames import first_demonstration, selected_frames
+from geoskill.training.selected_frames import selected_frames
 
 # Directions tried, one a degree.
 DIRECTIONS = 180
@@ -20,26 +20,23 @@ DIRECTIONS = 180
 MIN_COSINE = 0.02
 
 
-def fit_reference_axis(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
-    """Fit each member's ``reference_axis`` to the reference lines of what it selects in the first demonstration.
-
-    Members without a line stay as they are.
+def fit_reference_axis(member: KernelModel, graphs: Sequence[MotifGraph]) -> None:
+    """Fit a member's ``reference_axis`` to the reference lines of what it selects; without a line it stays as it is.
 
     Args:
-        members: by name, with their final weights, in evaluation mode.
-        demonstration: the one they were trained on.
+        member: with its final weights, in evaluation mode.
+        graphs: of the demonstration's frames, with instances.
     """
-    for name, member in members.items():
-        reference = reference_line(member.kernel)
-        if reference is None:
-            continue
-        directions, weights = [], []
-        for frame in selected_frames(member, first_demonstration(name, demonstration)):
-            lines = member.attribute(frame.graph, "geometry")[NodeType.LINE][frame.index[reference]]
-            directions.append(direction(lines))
-            weights.append(frame.weight)
-        if directions:
-            member.set_reference_axis(axis_of(torch.cat(directions), torch.cat(weights)))
+    reference = reference_line(member.kernel)
+    if reference is None:
+        return
+    directions, weights = [], []
+    for frame in selected_frames(member, graphs):
+        lines = member.attribute(frame.graph, "geometry")[NodeType.LINE][frame.index[reference]]
+        directions.append(direction(lines))
+        weights.append(frame.weight)
+    if directions:
+        member.set_reference_axis(axis_of(torch.cat(directions), torch.cat(weights)))
 
 
 def axis_of(directions: Float[Tensor, "n 2"], weights: Float[Tensor, " n"]) -> Float[Tensor, "2"]:

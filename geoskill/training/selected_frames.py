@@ -1,6 +1,6 @@
 """Frames of a demonstration with the instances that a member selects in them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import final
@@ -45,7 +45,9 @@ def first_demonstration(name: str, demonstration: Transitions) -> list[MotifGrap
 
 
 @torch.no_grad()
-def selected_frames(member: KernelModel, graphs: list[MotifGraph], count: int = MAX_FRAMES) -> Iterator[SelectedFrame]:
+def selected_frames(
+    member: KernelModel, graphs: Sequence[MotifGraph], count: int = MAX_FRAMES
+) -> Iterator[SelectedFrame]:
     """Yield at most ``count`` frames that have an instance, evenly spread, the last one among them.
 
     Args:

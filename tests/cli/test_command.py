@@ -87,7 +87,11 @@ def wait_for_epochs(folder: Path, epochs: int, process: "subprocess.Popen[str]")
 
 @pytest.mark.slow
 def test_ctrl_c_says_how_to_go_on(
-    environment: dict[str, str], tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path
+    environment: dict[str, str],
+    python: Command,
+    tiny: Sequence[str],
+    demonstration_folder: Path,
+    tmp_path: Path,
 ) -> None:
     run = tmp_path / "Bob's run, (1)"  # which the shown command must quote for the shell
     video = tmp_path / "müller, [a].d"
@@ -124,15 +128,7 @@ def test_ctrl_c_says_how_to_go_on(
     assert f"ckpt_path={run / 'skill.ckpt'}" in shown
     resumed = tmp_path / "resumed"
     # The number of epochs would keep the test waiting; what is given last counts.
-    ended = subprocess.run(
-        [sys.executable, *shown[1:], f"trainer.max_epochs={epochs + 2}", f"hydra.run.dir={resumed}"],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    ended = python(*shown[1:], f"trainer.max_epochs={epochs + 2}", f"hydra.run.dir={resumed}")
     assert ended.returncode == 0, ended.stderr
     with (resumed / "metrics.csv").open(newline="") as file:
         steps = [int(row["step"]) for row in csv.DictReader(file)]
@@ -185,7 +181,7 @@ def same_weights(one: Path, other: Path) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_killed_training_leaves_a_checkpoint_that_can_be_finished(
-    environment: dict[str, str],
+    python: Command,
     command: Command,
     tiny: Sequence[str],
     trained: Any,
@@ -194,15 +190,7 @@ def test_killed_training_leaves_a_checkpoint_that_can_be_finished(
 ) -> None:
     call, epochs, finished = MOMENTS[moment]
     run = tmp_path / "run"
-    ended = subprocess.run(
-        [sys.executable, "-c", KILLED, call, *tiny, f"hydra.run.dir={run}"],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    ended = python("-c", KILLED, call, *tiny, f"hydra.run.dir={run}")
     assert ended.returncode == -signal.SIGKILL, ended.stderr
     assert not (run / "associations.jsonl").exists()
     checkpoint = run / "skill.ckpt"

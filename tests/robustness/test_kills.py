@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -49,7 +47,7 @@ def weights_of(folder: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("point", POINTS)
 def test_killed_and_resumed_training_has_the_results_of_an_unbroken_one(
-    environment: dict[str, str],
+    python: Command,
     command: Command,
     tiny: Sequence[str],
     trained: Any,
@@ -61,15 +59,7 @@ def test_killed_and_resumed_training_has_the_results_of_an_unbroken_one(
         pytest.skip("one in six of these points; all of them by make robustness")
     run = tmp_path / "run"
     overrides = [*tiny, f"hydra.run.dir={run}"]
-    killed = subprocess.run(
-        [sys.executable, "-c", KILLED, point, *overrides],
-        cwd=ROOT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    killed = python("-c", KILLED, point, *overrides)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     resume = [f"ckpt_path={run / 'skill.ckpt'}"] if (run / "skill.ckpt").exists() else []
     resumed = command("train", *overrides, *resume)

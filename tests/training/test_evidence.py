@@ -18,7 +18,7 @@ def with_scores(training: Training, monkeypatch: pytest.MonkeyPatch, sign: float
     members = training.members()
     member = members[NAME]
     monkeypatch.setattr(type(member), "forward", lambda self, graph: sign * instance_goal_progress(self, graph))
-    fit_evidence({NAME: member}, training.demonstration)
+    fit_evidence(member, first_demonstration(NAME, training.demonstration))
     return member
 
 
@@ -48,7 +48,7 @@ def test_evidence_of_the_worst_selection(training: Training, monkeypatch: pytest
 def test_evidence_is_kept_in_the_state_of_a_member(training: Training) -> None:
     members = training.members()
     assert members[NAME].evidence is None
-    fit_evidence(members, training.demonstration)
+    fit_evidence(members[NAME], first_demonstration(NAME, training.demonstration))
     fresh = training.members()
     fresh[NAME].load_state_dict(members[NAME].state_dict())
     assert fresh[NAME].evidence == members[NAME].evidence is not None

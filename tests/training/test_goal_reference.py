@@ -20,8 +20,9 @@ from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
 from geoskill.skill.spec import SkillComponents, SkillSpec, plan_skill
 from geoskill.training.error_changes import fit_reward_scale, instance_goal_progress
-from geoskill.training.goal_reference import fit_goal_references
+from geoskill.training.goal_reference import fit_goal_reference
 from geoskill.training.node_order import fit_node_order
+from geoskill.training.selected_frames import first_demonstration
 from tests.training_runs import Training
 
 LAST = 19
@@ -51,7 +52,8 @@ def trained(
     fit_node_order(members, own.demonstration, ObjectiveConfig(), 0.1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(KernelModel, "forward", lambda self, graph: 50 * instance_goal_progress(self, graph))
-        fit_goal_references(members, own.demonstration)
+        for name, member in members.items():
+            fit_goal_reference(name, member, first_demonstration(name, own.demonstration))
     return members, own, plan
 
 
