@@ -13,10 +13,11 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from geoskill.config import MAX_FRAME_RATE, MIN_FRAME_RATE
 from geoskill.errors import InputError
+from geoskill.geometry.depth_camera import DepthCamera
 
 DEFAULT_FRAME_RATE = 30.0
 
@@ -30,11 +31,44 @@ class Frame:
         index: 0 for the first frame that the source yields.
         time_s: seconds after the first frame.
         image: RGB.
+        depth_m: distance of each pixel from the camera along its axis, in meters, aligned with the picture; NaN where
+            there is none. None where the source has no depth.
+        depth_camera: the intrinsics of the picture; None where the source has no depth.
+
+    Raises:
+        ValueError: when the depth is of another size than the picture or no depth, or has no camera.
     """
 
     index: int
     time_s: float
     image: UInt8[np.ndarray, "height width 3"]
+    depth_m: Float[np.ndarray, "rows columns"] | None = None
+    depth_camera: DepthCamera | None = None
+
+    def __post_init__(self) -> None:
+        if self.depth_m is None:
+            return
+        if self.depth_camera is None:
+            raise ValueError(f"frame {self.index} has depth and no depth_camera; expected the picture's intrinsics")
+        if self.depth_m.shape != self.image.shape[:2] or not np.issubdtype(self.depth_m.dtype, np.floating):
+            raise ValueError(
+                f"depth_m of frame {self.index} is {self.depth_m.dtype} {list(self.depth_m.shape)}; expected meters"
+                f" {list(self.image.shape[:2])} of floating point, as large as the picture"
+            )
+        nearest, farthest = (
+            float(np.fmin.reduce(self.depth_m, axis=None)),
+            float(np.fmax.reduce(self.depth_m, axis=None)),
+        )
+        if nearest <= 0 or np.isinf(farthest):
+            raise ValueError(
+                f"depth_m of frame {self.index} is {nearest if nearest <= 0 else farthest:g} somewhere; expected meters"
+                " above 0, and NaN where there is none"
+            )
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that picture and depth take."""
+        return self.image.nbytes + (0 if self.depth_m is None else self.depth_m.nbytes)
 
 
 class FrameSource(ABC):

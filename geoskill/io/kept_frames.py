@@ -16,9 +16,9 @@ KEPT_MB = 512.0
 class KeptFrames(FrameSource, Sequence[Frame]):
     """All frames of a source that comes to an end, by their numbers.
 
-    Making it reads the source once. Where the pictures take more than ``memory_mb``, only the first and the last are
-    kept, and the others are read again when they are asked for, up to the one that is wanted: iterate, or ask in
-    ascending order. Not for several threads at once.
+    Making it reads the source once. Where the pictures, with their depth, take more than ``memory_mb``, only the first
+    and the last are kept, and the others are read again when they are asked for, up to the one that is wanted: iterate,
+    or ask in ascending order. Not for several threads at once.
 
     Args:
         source: what is read.
@@ -37,7 +37,7 @@ class KeptFrames(FrameSource, Sequence[Frame]):
         self._count, size = 0, 0
         for frame in source:
             self._count += 1
-            size += frame.image.nbytes
+            size += frame.nbytes
             self._kept.append(frame)
             if size > 1e6 * memory_mb:
                 self._are_all_kept = False

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from geoskill.errors import InputError
@@ -103,7 +103,7 @@ class Segment(FrameSource):
                 continue
             first = first or frame
             if (frame.index - first.index) % self._stride == 0:
-                yield Frame(index, frame.time_s - first.time_s, frame.image)
+                yield replace(frame, index=index, time_s=frame.time_s - first.time_s)
                 index += 1
         if first is None and last is not None:
             raise InputError(

@@ -244,7 +244,9 @@ class TestVideoFile:
         data = bytearray(path.read_bytes())
         data[len(data) // 2 : len(data) // 2 + 3000] = np.random.default_rng(1).bytes(3000)
         path.write_bytes(data)
-        with pytest.raises(InputError, match=r"bad\.mp4: the video breaks at frame \d+: (cannot be decoded|the frame is damaged)"):
+        with pytest.raises(
+            InputError, match=r"bad\.mp4: the video breaks at frame \d+: (cannot be decoded|the frame is damaged)"
+        ):
             list(VideoFile(path))
 
 
