@@ -1,7 +1,7 @@
 """A recorded scene: frames as a camera delivers them, with the ground truth that the renderer knows."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import cv2
@@ -66,8 +66,7 @@ class Recording:
 
     def picture(self, frame: int) -> UInt8[np.ndarray, "height width 3"]:
         """Return the RGB image of a frame."""
-        image = cv2.imdecode(np.frombuffer(self.pictures[frame], np.uint8), cv2.IMREAD_COLOR)
-        return np.ascontiguousarray(np.asarray(image, np.uint8)[..., ::-1])
+        return decode_picture(self.pictures[frame])
 
     def body_ids(self, frame: int) -> Int16[np.ndarray, "height width"]:
         """Return the id of the body that is visible at each pixel: -1 for the cloth, -2 for none."""
@@ -81,6 +80,33 @@ class Recording:
         """Return the camera at its pose of a frame."""
         intrinsics = self.intrinsics
         return PinholeCamera(intrinsics.width, intrinsics.height, intrinsics.focal_px, self.camera_poses[frame])
+
+
+def join(recordings: Sequence[Recording]) -> Recording:
+    """Return one recording with the frames of several of one scene, in their order.
+
+    Raises:
+        ValueError: when there is none, or their bodies differ.
+    """
+    if not recordings or any(recording.bodies != recordings[0].bodies for recording in recordings):
+        raise ValueError(f"{len(recordings)} recordings: expected one or more of the same bodies")
+    cloths = [recording.cloth for recording in recordings if recording.cloth is not None]
+    vertices = [cloth.vertices for cloth in cloths]
+    return replace(
+        recordings[0],
+        pictures=[file for recording in recordings for file in recording.pictures],
+        segmentations=[file for recording in recordings for file in recording.segmentations],
+        depths=[file for recording in recordings for file in recording.depths],
+        poses=np.concatenate([recording.poses for recording in recordings]),
+        camera_poses=np.concatenate([recording.camera_poses for recording in recordings]),
+        cloth=replace(cloths[0], vertices=np.concatenate(vertices)) if cloths else None,
+    )
+
+
+def decode_picture(data: bytes) -> UInt8[np.ndarray, "height width 3"]:
+    """Return the RGB image of a JPEG file."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(np.asarray(image, np.uint8)[..., ::-1])
 
 
 def encode_png(image: np.ndarray) -> bytes:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geoskill.simulation.recording import Recording, encode_png, pack, unpack
+from geoskill.simulation.recording import Recording, encode_png, join, pack, unpack
 
 
 def assert_equal(actual: Recording, expected: Recording) -> None:
@@ -34,6 +34,30 @@ def test_pack_store_and_unpack_give_the_same_recording(fixture: str, request: py
     file.seek(0)
     with np.load(file, allow_pickle=False) as stored:
         assert_equal(unpack(stored), recording)
+
+
+@pytest.mark.parametrize("fixture", ["hand_made_recording", "folded_cloth"])
+def test_join_of_single_frames_is_the_recording(fixture: str, request: pytest.FixtureRequest) -> None:
+    recording: Recording = request.getfixturevalue(fixture)
+    singles = [
+        replace(
+            recording,
+            pictures=recording.pictures[k : k + 1],
+            segmentations=recording.segmentations[k : k + 1],
+            depths=recording.depths[k : k + 1],
+            poses=recording.poses[k : k + 1],
+            camera_poses=recording.camera_poses[k : k + 1],
+            cloth=None
+            if recording.cloth is None
+            else replace(recording.cloth, vertices=recording.cloth.vertices[k : k + 1]),
+        )
+        for k in range(len(recording))
+    ]
+    assert_equal(join(singles), recording)
+    with pytest.raises(ValueError, match="2 recordings: expected one or more of the same bodies"):
+        join([recording, replace(recording, bodies=["other"])])
+    with pytest.raises(ValueError, match="0 recordings"):
+        join([])
 
 
 def test_unpack_refuses_missing_arrays_and_unknown_roles(hand_made_recording: Recording) -> None:

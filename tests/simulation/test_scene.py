@@ -15,7 +15,8 @@ from geoskill.geometry.poses import inverse, rotation_vector, transform
 from geoskill.simulation.ground_truth import FrameGroundTruth
 from geoskill.simulation.recording import Cloth, Recording, pack
 from geoskill.simulation.roles import SceneRole
-from geoskill.simulation.scene import HEIGHT, WIDTH, RecordingSettings, record
+from geoskill.simulation.scene import RecordingSettings, record
+from geoskill.simulation.script import HEIGHT, WIDTH
 from geoskill.simulation.tasks import folding, insertion, screw, sorting
 from geoskill.simulation.tasks.task import Task
 
