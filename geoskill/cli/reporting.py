@@ -23,6 +23,7 @@ from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.skill import Skill
 from geoskill.viz.curves import plot_inference
 from geoskill.viz.overlay import draw_overlay
+from geoskill.viz.strip import ErrorHistory
 from geoskill.viz.video_writer import VideoWriter
 
 
@@ -56,7 +57,8 @@ def write_inference(
         InputError: where the source is damaged.
         KeyboardInterrupt: after Ctrl-C, unless the source is a camera.
     """
-    results = _Results(skill, source)
+    total = len(frames) if isinstance(frames, Sized) else None
+    results = _Results(skill, source, total)
     failure: BaseException | None = None
     with (
         atomic_open(folder / "associations.jsonl") as lines,
@@ -64,7 +66,6 @@ def write_inference(
         closing(extracted_ahead(skill, frames, threads, live=is_live(source))) as extracted,
     ):
         try:
-            total = len(frames) if isinstance(frames, Sized) else None
             for frame, features in show_progress(extracted, "selecting associations", total):
                 result = infer(frame.image, features)
                 for line in association_lines(frame, result, skill.members):
@@ -89,27 +90,29 @@ class _Results:
     Args:
         skill: has the members.
         source: gives the name.
+        total: number of frames, where it is known.
     """
 
-    def __init__(self, skill: Skill, source: FrameSource) -> None:
+    def __init__(self, skill: Skill, source: FrameSource, total: int | None) -> None:
         self.frames = 0
         self._source = source.name
         self._definition = TaskDefinition(skill.members)
+        self._errors = ErrorHistory(total)
         self._history: list[tuple[int, str, float, float]] = []
 
     def overlay(
         self, frame: Frame, result: InferenceResult, min_drawn_weight: float
     ) -> UInt8[np.ndarray, "height width 3"]:
-        """Draw what was selected in a frame."""
+        """Draw what was selected in the next frame."""
+        self._errors.add(result)
         return draw_overlay(
             frame.image,
-            list(result.features.values()),
-            result.associations,
+            result,
             frame_index=frame.index,
+            time_s=frame.time_s,
             title=Path(self._source).name,
             minimum_weight=min_drawn_weight,
-            reasons=[f"{member}: {reason}" for member, reason in result.reasons.items()],
-            states=result.states,
+            history=self._errors,
         )
 
     def add(self, frame: Frame, result: InferenceResult) -> None:

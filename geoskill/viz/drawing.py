@@ -23,6 +23,13 @@ OTHER_COLORS: tuple[Color, ...] = (
     (115, 115, 235),
 )
 MINIMUM_SHORTER_SIDE_PX = 480
+PAPER: Color = (255, 255, 255)
+INK: Color = (25, 25, 30)
+FAINT_INK: Color = (110, 110, 118)
+CASING: Color = (15, 15, 20)
+"""Around what is drawn on the picture, so that it is seen on a bright one, too."""
+READABLE_WIDTH_PX = 640
+MAX_TEXT_RATIO = 2.5
 
 _SUBPIXEL_BITS = 4
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -38,27 +45,42 @@ class Scale(NamedTuple):
     """Scale of an overlay.
 
     Attributes:
-        factor: integer by which the image is enlarged.
-        unit: factor of the lengths and text sizes, which are given for a shorter side of 480 pixels.
+        factor: integer by which the picture is enlarged.
+        unit: factor of the sizes of marks on the picture, which are given for a shorter side of 480 pixels.
+        text: factor of the sizes of text and of what is beside and below the picture. They are given for an overlay
+            that is 640 pixels wide, so that they are still read when it is shown at that width.
     """
 
     factor: int
     unit: float
+    text: float
 
     @classmethod
     def of(cls, image: UInt8[np.ndarray, "height width 3"]) -> "Scale":
         """Return the smallest scale that makes the shorter side at least 480 pixels long."""
         shorter_side = min(image.shape[:2])
         factor = max(1, math.ceil(MINIMUM_SHORTER_SIDE_PX / shorter_side))
-        return cls(factor, factor * shorter_side / MINIMUM_SHORTER_SIDE_PX)
+        unit = factor * shorter_side / MINIMUM_SHORTER_SIDE_PX
+        width = factor * image.shape[1]
+        # A panorama would leave no room for the picture.
+        return cls(factor, unit, min((width + panel_width(width)) / READABLE_WIDTH_PX, MAX_TEXT_RATIO * unit))
 
     def px(self, length: int) -> int:
-        """Return a length in pixels of the overlay, at least 1."""
+        """Return a length on the picture in pixels of the overlay, at least 1."""
         return max(1, round(length * self.unit))
+
+    def text_px(self, length: float) -> int:
+        """Return a length beside or below the picture in pixels of the overlay, at least 1."""
+        return max(1, round(length * self.text))
 
     def enlarged(self, xy: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
         """Return pixels of the image as pixels of the overlay."""
         return np.asarray(self.factor * (np.asarray(xy, np.float64) + 0.5) - 0.5)
+
+
+def panel_width(picture_width: int) -> int:
+    """Return the width of the text beside a picture, at most a quarter of both; in pixels."""
+    return picture_width // 3
 
 
 def draw_polyline(
@@ -80,6 +102,26 @@ def draw_disc(
     subpixels = 2**_SUBPIXEL_BITS
     center = (round(float(xy[0]) * subpixels), round(float(xy[1]) * subpixels))
     cv2.circle(canvas, center, round(radius * subpixels), color, thickness, cv2.LINE_AA, _SUBPIXEL_BITS)
+
+
+def draw_dashes(
+    canvas: UInt8[np.ndarray, "h w 3"],
+    xy: Float[np.ndarray, "p 2"],
+    color: Color,
+    thickness: int,
+    dash: float,
+    closed: bool = False,
+) -> None:
+    """Draw segments between consecutive points as dashes of a length in pixels, with gaps of the same length.
+
+    A segment begins and ends with a dash.
+    """
+    ends = np.roll(xy, -1, axis=0) if closed else xy[1:]
+    for start, end in zip(xy, ends, strict=False):
+        pieces = 2 * round(float(np.linalg.norm(end - start)) / dash / 2) + 1
+        for piece in range(0, pieces, 2):
+            share = np.array([[piece], [piece + 1]]) / pieces
+            draw_polyline(canvas, start + share * (end - start), color, thickness)
 
 
 def text_size(text: str, size: float) -> tuple[int, int]:

@@ -14,12 +14,17 @@ def test_rank_color() -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "factor", "unit"),
-    [((240, 320), 2, 1.0), ((500, 479), 2, 479 / 240), ((960, 960), 1, 2.0), ((1, 9), 480, 1.0)],
+    ("shape", "factor", "unit", "text"),
+    [
+        ((240, 320), 2, 1.0, 853 / 640),
+        ((500, 479), 2, 479 / 240, (958 + 319) / 640),
+        ((960, 960), 1, 2.0, 2.0),
+        ((1, 9), 480, 1.0, 2.5),  # of a panorama, text is no larger
+    ],
 )
-def test_scale(shape: tuple[int, int], factor: int, unit: float) -> None:
+def test_scale(shape: tuple[int, int], factor: int, unit: float, text: float) -> None:
     scale = Scale.of(np.zeros((*shape, 3), np.uint8))
-    assert scale == (factor, pytest.approx(unit))
+    assert scale == (factor, pytest.approx(unit), pytest.approx(text))
     assert scale.px(10) == round(10 * unit)
     assert scale.px(0) == 1
     # Pixel x covers factor * x to factor * (x + 1) - 1.
