@@ -30,13 +30,13 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
     from geoskill.io.atomic import atomic_open
     from geoskill.training.quiet import quiet_libraries
 
-    if config.task is not None and not (config.video is None and config.regions is None):
+    if config.task is not None and not (config.video is None and config.regions.path is None):
         raise InputError("task and video are both set; expected a simulated task, or video=… regions=…")
     if config.task is not None and not isinstance(config.task, SimulatedTaskConfig):
         raise InputError("task=video is no simulated task; expected one such as task=sorting, or video=… regions=…")
     if config.task is None:
         required("video", config.video, "a labeled video file or folder of images, or task=… for a simulated one")
-        required("regions", config.regions, "a JSON file of labeled regions")
+        required("regions", config.regions.path, "a file or folder of labeled regions")
     with quiet_libraries():
         store = open_disk_cache(config.cache)
         skill = load_skill(config.skill, config.device, config.precision, store)

@@ -14,9 +14,9 @@ from hydra.errors import HydraException
 
 PATH_KEYS = (
     "task.path",
-    "task.regions",
+    "task.regions.path",
     "video",
-    "regions",
+    "regions.path",
     "skill",
     "ckpt_path",
     "init_from",
@@ -25,6 +25,8 @@ PATH_KEYS = (
     "hydra.run.dir",
     "hydra.sweep.dir",
 )
+# Groups that are given as the one path in them.
+SHORT = {"regions": "regions.path", "task.regions": "task.regions.path"}
 QUOTED = re.compile(r"""(?P<quote>['"])(?:\\.|(?!(?P=quote)).)*(?P=quote)""", re.DOTALL)
 # Functions of Hydra's grammar that make the values of a sweep.
 SWEEP_FUNCTION = re.compile(r"(?:choice|glob|shuffle|sort|tag)\(.*\)", re.DOTALL)
@@ -32,6 +34,8 @@ SWEEP_FUNCTION = re.compile(r"(?:choice|glob|shuffle|sort|tag)\(.*\)", re.DOTALL
 
 def with_literal_paths(arguments: Iterable[str], *, multirun: bool = False) -> list[str]:
     r"""Return command-line arguments in which the paths are quoted for Hydra where they must be.
+
+    ``regions=PATH`` becomes ``regions.path=PATH``.
 
     A path that exists is itself, whatever characters it has. Of other values, Hydra's quotes, lists, ``null`` and
     interpolations keep their meaning, and so do the several values of a sweep. ``~`` at the beginning becomes the home
@@ -49,8 +53,9 @@ def with_literal_paths(arguments: Iterable[str], *, multirun: bool = False) -> l
     literal = []
     for argument in arguments:
         key, equals, value = argument.partition("=")
+        key = SHORT.get(key, key) if equals else key
         takes_path = equals and key.lstrip("+") in PATH_KEYS
-        literal.append(f"{key}={_literal(value, multirun)}" if takes_path else argument)
+        literal.append(f"{key}{equals}{_literal(value, multirun) if takes_path else value}")
     return literal
 
 

@@ -33,6 +33,21 @@ def _frame_rate() -> Any:
 
 @final
 @dataclass
+class RegionsConfig(Config):
+    """Labeled regions; `regions=PATH` is short for `regions.path=PATH`."""
+
+    path: str | None = setting(
+        None,
+        "File of labeled regions: this project's JSON, or LabelMe's, COCO's or CVAT's; or a folder of LabelMe's files"
+        " or of masks.",
+    )
+    object: str = setting("object", "What its labels call the moved object.")
+    target: str = setting("target", "What its labels call what the object is brought to.")
+    hand: str | None = setting(None, "What its labels call the hand or gripper; null: `hand`, if there is one.")
+
+
+@final
+@dataclass
 class SimulatedTaskConfig(Config):
     """A simulated task."""
 
@@ -58,7 +73,7 @@ class VideoTaskConfig(Config):
     end: Any = setting(None, "Where it ends, in seconds or frames; the frame there is not taken.")
     stride: int = setting(1, "Of so many frames, one is taken.", at_least=1)
     frame_rate: float | None = _frame_rate()
-    regions: str | None = setting(None, "Labeled regions of the first demonstration, a JSON file, to score on.")
+    regions: RegionsConfig = field(default_factory=RegionsConfig)
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
 
 
@@ -133,7 +148,7 @@ class EvaluateCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     video: Any = setting(None, "A labeled video file or folder of images.")
-    regions: str | None = setting(None, "Labeled regions of its frames, a JSON file.")
+    regions: RegionsConfig = field(default_factory=RegionsConfig)
     frame_rate: float | None = _frame_rate()
     task: Any = setting(None, "A simulated task, instead of a video.")
     scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))

@@ -1,16 +1,18 @@
 """Scoring a skill on labeled frames, for the commands that do it."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geoskill.cli.inputs import selection
 from geoskill.cli.progress import show_progress
+from geoskill.cli.schemas import RegionsConfig
 from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
+from geoskill.evaluation.annotations.assignment import RoleNames
+from geoskill.evaluation.annotations.load import load_regions
 from geoskill.evaluation.evaluator import evaluate_frames
 from geoskill.evaluation.labels import Labels
-from geoskill.evaluation.regions import Regions, load_regions
+from geoskill.evaluation.regions import Regions
 from geoskill.io.frames import Frame
 from geoskill.skill.skill import Skill
 
@@ -21,8 +23,14 @@ if TYPE_CHECKING:
 ORACLE_FRAMES = 12
 
 
-def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Regions:
+def load_labels(config: RegionsConfig, frames: Sequence[Frame], every: int, stems: Sequence[str] | None) -> Regions:
     """Read the labeled regions of these frames, every so many of which are evaluated.
+
+    Args:
+        config: where they are and what their labels are.
+        frames: of the recording.
+        every: so many frames lie between two that are evaluated.
+        stems: names of the recording's pictures; see :func:`~geoskill.evaluation.annotations.load.load_regions`.
 
     Raises:
         InputError: when the regions do not fit the frames, or cover none that is evaluated.
@@ -30,7 +38,9 @@ def load_labels(path: str | Path, frames: Sequence[Frame], every: int) -> Region
     if every < 1:
         raise InputError(f"every={every}: expected at least 1")
     height, width = frames[0].image.shape[:2]
-    regions = load_regions(path, (width, height), len(frames))
+    assert config.path is not None
+    names = RoleNames(config.object, config.target, config.hand)
+    regions = load_regions(config.path, (width, height), len(frames), names, stems)
     regions.require_evaluated(len(frames), every)
     return regions
 

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from geoskill.cli.parts import parts_of
-from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig
+from geoskill.cli.schemas import RegionsConfig, SimulatedTaskConfig, TrainCommandConfig
 from geoskill.cli.scoring import load_labels
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import Labels
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import Frame, FrameSource
+from geoskill.io.image_folder import ImageFolder
 from geoskill.io.sources import read_all
 from geoskill.plugins import TASKS, code_identity
 from geoskill.skill.checkpoint import SimulatedScene
@@ -88,13 +89,13 @@ def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) 
         scene = SimulatedScene(task.name, config.seed, config.scenario)
         return (labeled_recording(scene, episode, store) for episode in episodes)
     parts = parts_of(task)
-    if task.regions is not None and parts and not parts[0].is_whole:
+    if task.regions.path is not None and parts and not parts[0].is_whole:
         raise InputError(
-            f"task.regions={task.regions}: numbers the frames of the whole recording; expected none with task.start,"
-            " task.end or task.stride"
+            f"task.regions={task.regions.path}: numbers the frames of the whole recording; expected none with"
+            " task.start, task.end or task.stride"
         )
     sources = [part.open(task.frame_rate) for part in parts]
-    regions = [task.regions] + [None] * (len(parts) - 1)
+    regions = [task.regions] + [RegionsConfig()] * (len(parts) - 1)
     minimum = config.demonstration.gap + 1
     return (
         labeled_video(source, own_regions, task.every, minimum=minimum)
@@ -102,12 +103,12 @@ def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) 
     )
 
 
-def labeled_video(source: FrameSource, regions: str | None, every: int, minimum: int) -> LabeledSequence:
+def labeled_video(source: FrameSource, regions: RegionsConfig, every: int, minimum: int) -> LabeledSequence:
     """Read a video with its labeled regions.
 
     Args:
         source: the video.
-        regions: path of the labeled regions, or None.
+        regions: where its labeled regions are, if it has some.
         every: every so many frames are to be evaluated.
         minimum: how many frames it needs.
 
@@ -115,7 +116,8 @@ def labeled_video(source: FrameSource, regions: str | None, every: int, minimum:
         InputError: when it cannot be read, has too few frames, or the regions do not fit.
     """
     frames = read_all(source, minimum=minimum)
-    labels = None if regions is None else load_labels(regions, frames, every)
+    stems = source.stems if isinstance(source, ImageFolder) else None
+    labels = None if regions.path is None else load_labels(regions, frames, every, stems)
     return LabeledSequence(source, frames, labels)
 
 

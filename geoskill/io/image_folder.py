@@ -75,6 +75,11 @@ class ImageFolder(FrameSource):
         return str(self._folder)
 
     @property
+    def stems(self) -> list[str]:
+        """Return the names of the images, in the order of the frames, without their endings."""
+        return [path.stem for path in self._paths]
+
+    @property
     def frame_rate(self) -> float:
         """Return the nominal frames per second."""
         return self._frame_rate

@@ -28,6 +28,33 @@ def write_regions(path: Path, moving_is_object: bool) -> Path:
     return path
 
 
+def test_labels_of_labelme_give_the_same_metrics(
+    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    own = json.loads(write_regions(tmp_path / "regions.json", True).read_text())
+    (tmp_path / "labels").mkdir()
+    names = {"object": "mug", "target": "coaster", "hand": "glove"}
+    for number, regions in own["frames"].items():
+        shapes = [{"label": names[name], "points": points, "shape_type": "polygon"} for name, points in regions.items()]
+        picture = {"imagePath": f"../{int(number):03d}.png", "imageWidth": 160, "imageHeight": 120}
+        (tmp_path / "labels" / f"{number}.json").write_text(json.dumps({**picture, "shapes": shapes}))
+    arguments = [f"skill={skill}", f"video={demonstration_folder}", "every=4"]
+    called = [f"regions.{name}={label}" for name, label in names.items()]
+    runs = [
+        command("evaluate", *arguments, *given, f"hydra.run.dir={tmp_path / name}")
+        for name, given in (
+            ("own", [f"regions={tmp_path / 'regions.json'}"]),
+            ("labelme", [f"regions={tmp_path / 'labels'}", *called]),
+        )
+    ]
+    assert [(run.status, run.stderr) for run in runs] == [(0, "")] * 2
+    first, second = (json.loads((run.folder / "metrics.json").read_text()) for run in runs)
+    assert first == second
+    refused = command("evaluate", *arguments, f"regions={tmp_path / 'labels'}", "regions.object=cup")
+    assert refused.status == 2
+    assert refused.stderr.endswith("expected regions.object=LABEL, one of 'coaster', 'glove', 'mug'\n")
+
+
 def test_metrics_and_frame_results(
     command: Command, skill: Path, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:

@@ -163,7 +163,7 @@ def test_values_of_a_sweep() -> None:
     assert with_literal_paths(arguments, multirun=True) == [
         'task.path="a (1).mp4","1e5"',
         "video=[a b.mp4,c],[d]",
-        "regions=glob(r*)",
+        "regions.path=glob(r*)",
         "skill=choice(a,b)",
         "seed=1,2",
     ]

@@ -11,7 +11,7 @@ import pytest
 
 from geoskill.cli import sequences
 from geoskill.cli.inputs import open_recording
-from geoskill.cli.schemas import SimulatedTaskConfig, TrainCommandConfig, VideoTaskConfig
+from geoskill.cli.schemas import RegionsConfig, SimulatedTaskConfig, TrainCommandConfig, VideoTaskConfig
 from geoskill.cli.sequences import RecordingSource, labeled_demonstrations, labeled_recording, labeled_video
 from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
@@ -39,7 +39,7 @@ def test_recording_source_yields_its_frames(hand_made_recording: Recording) -> N
 
 
 def test_video_without_regions_has_no_labels(demonstration_folder: Path) -> None:
-    sequence = labeled_video(open_recording(demonstration_folder, None), regions=None, every=5, minimum=3)
+    sequence = labeled_video(open_recording(demonstration_folder, None), regions=RegionsConfig(), every=5, minimum=3)
     assert (len(sequence.frames), sequence.labels, sequence.recording) == (20, None, None)
 
 
@@ -51,7 +51,9 @@ def test_first_of_several_videos_is_labeled(demonstration_folder: Path, tmp_path
     labels = {"object": [[1, 1], [9, 1], [9, 9]], "target": [], "hand": []}
     regions = tmp_path / "regions.json"
     regions.write_text(json.dumps({"image_size": [160, 120], "frames": {"0": labels, "19": labels}}))
-    task = VideoTaskConfig(path=[str(demonstration_folder)] * 2, frame_rate=10.0, regions=str(regions))
+    task = VideoTaskConfig(
+        path=[str(demonstration_folder)] * 2, frame_rate=10.0, regions=RegionsConfig(path=str(regions))
+    )
     first, second = demonstrations_of(task)
     assert (len(first.frames), len(second.frames)) == (20, 20)
     assert second.source.frame_rate == 10.0
@@ -75,7 +77,10 @@ def test_parts_of_recordings(demonstration_folder: Path) -> None:
     [
         ({"start": [1, 2, 3]}, r"^task\.path: there are 2; expected one, or 3 as of the others$"),
         ({"end": "1 minute"}, r"^task\.end=1 minute: expected seconds, such as 2\.5, or frames, such as 75f$"),
-        ({"start": 1, "regions": "a.json"}, r"^task\.regions=a\.json: numbers the frames of the whole recording"),
+        (
+            {"start": 1, "regions": RegionsConfig(path="a.json")},
+            r"^task\.regions=a\.json: numbers the frames of the",
+        ),
         ({"start": 0.6}, r"\(from 0\.6 s\): 2 frame\(s\); expected at least 3$"),
     ],
 )

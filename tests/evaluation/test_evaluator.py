@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
+from geoskill.evaluation.annotations.load import load_regions
 from geoskill.evaluation.evaluator import evaluate_frames
-from geoskill.evaluation.regions import FrameRegions, Regions, load_regions
+from geoskill.evaluation.regions import FrameRegions, Regions
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.frames import Frame

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from geoskill.errors import InputError
-from geoskill.evaluation.regions import FrameRegions, load_regions
+from geoskill.evaluation.annotations.load import load_regions
+from geoskill.evaluation.regions import FrameRegions
 from geoskill.simulation.roles import SceneRole
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
@@ -207,7 +208,7 @@ def test_load_regions_with_byte_order_mark(tmp_path: Path) -> None:
 def test_load_regions_refuses_unreadable_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.json: no such file"):
         load_regions(tmp_path / "absent.json")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"holds no labels; expected LabelMe's files \(\*\.json\) or masks"):
         load_regions(tmp_path)
     picture = tmp_path / "picture.jpg"
     picture.write_bytes(b"\xff\xd8\xff\xe0")

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from geoskill.errors import InputError
-from geoskill.evaluation.regions import load_regions
+from geoskill.evaluation.annotations.assignment import RoleNames
+from geoskill.evaluation.annotations.load import load_regions
 from geoskill.features.cache import FeatureCache
 from geoskill.features.sift import Sift
 from geoskill.io.disk_cache import DiskCache
@@ -39,6 +40,13 @@ def regions(path: Path) -> None:
     for frame in range(20):
         labels = read.at(frame)
         assert labels is None or labels.label((10.0, 10.0)) in (None, *labels.polygons)
+
+
+def labels(path: Path) -> None:
+    read = load_regions(path, (160, 120), 20, RoleNames("mug", "coaster"))
+    for frame in range(20):
+        at = read.at(frame)
+        assert at is None or at.label((10.0, 10.0)) in (None, *at.polygons)
 
 
 def cache(path: Path) -> None:
@@ -62,6 +70,7 @@ def picture(path: Path) -> None:
 READERS: dict[str, Callable[[Path], None]] = {
     "checkpoint": checkpoint,
     "regions": regions,
+    "labels": labels,
     "cache": cache,
     "picture": picture,
 }

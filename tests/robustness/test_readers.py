@@ -120,6 +120,32 @@ def test_regions(small_skill: Path, rounds: int, tmp_path: Path) -> None:
     check("regions", small_skill, files)
 
 
+def test_labels_of_other_programs(small_skill: Path, rounds: int, tmp_path: Path) -> None:
+    polygon, image = [10, 10, 50.5, 10, 50, 60], {"id": 1, "file_name": "7.jpg", "width": 160, "height": 120}
+    mask = {"size": [120, 160], "counts": [2000, 50, 70, 50, 17030]}
+    coco = {
+        "images": [image],
+        "categories": [{"id": 1, "name": "mug"}, {"id": 2, "name": "coaster"}],
+        "annotations": [
+            {"image_id": 1, "category_id": 1, "segmentation": [polygon]},
+            {"image_id": 1, "category_id": 2, "segmentation": mask},
+        ],
+    }
+    points = [[10, 10], [50.5, 10], [50, 60]]
+    shapes = [{"label": label, "points": points, "shape_type": "polygon"} for label in ("mug", "coaster")]
+    labelme = {"imagePath": "7.jpg", "imageWidth": 160, "imageHeight": 120, "shapes": shapes}
+    cvat = (
+        '<annotations><image id="7" name="7.jpg" width="160" height="120"><polygon label="mug" points="1,1;9,1;9,9"/>'
+        '<mask label="coaster" rle="1,3,4,1" left="3" top="4" width="3" height="3"/></image></annotations>'
+    )
+    chance, files = random.Random(6), [tmp_path / f"{number}.labels" for number in range(rounds)]
+    for number, file in enumerate(files):
+        whole = (coco, labelme)[number % 2]
+        text = cvat if number % 3 == 0 else json.dumps(whole if number % 5 else change_a_place(whole, chance))
+        file.write_bytes(damaged_bytes(text.encode(), chance) if number % 5 else text.encode())
+    check("labels", small_skill, files)
+
+
 def test_cache_files(
     small_skill: Path, demonstration_frames: tuple[np.ndarray, ...], rounds: int, tmp_path: Path
 ) -> None:
