@@ -46,7 +46,8 @@ def _open_source(config: PipelineConfig, run: Run) -> FrameSource:
         name = run.choices["task"]
         raise InputError(f"task={name} is no simulated task; expected one such as task=sorting, or video=…")
     scene = SimulatedScene(config.task.name, config.seed, config.scenario)
-    return labeled_recording(scene, run.choices["scenario"], open_disk_cache(config.cache)).source
+    store = open_disk_cache(config.cache)
+    return labeled_recording(scene, run.choices["scenario"], store, config.task.depth).source
 
 
 def _measure(stages: "Stages", description: Mapping[str, Any], device: str, repeats: int, folder: Path) -> None:

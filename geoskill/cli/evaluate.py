@@ -72,7 +72,8 @@ def _sequence(config: EvaluateCommandConfig, run: Run, skill: "Skill", store: "D
         return labeled_video(open_recording(config.video, config.frame_rate), config.regions, config.every, minimum=1)
     demonstrated = skill.provenance.scene
     seed = config.seed if config.seed is not None else 0 if demonstrated is None else demonstrated.seed
-    return labeled_recording(SimulatedScene(config.task.name, seed, config.scenario), run.choices["scenario"], store)
+    scene = SimulatedScene(config.task.name, seed, config.scenario)
+    return labeled_recording(scene, run.choices["scenario"], store, config.task.depth)
 
 
 def _beside_simulation(

@@ -56,6 +56,11 @@ class SimulatedTaskConfig(Config):
     num_demonstrations: int = setting(
         1, "Demonstrations to learn from, by other people, in other light; the first is shown and scored.", at_least=1
     )
+    depth: str = setting(
+        "off",
+        "Depth beside the pictures: `off`, as a RealSense D435 or D405 would measure it, or `perfect`.",
+        choices=("off", "d435", "d405", "perfect"),
+    )
 
 
 @final

@@ -6,11 +6,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+import numpy as np
+from jaxtyping import Float32
+
 from geoskill.cli.parts import parts_of
 from geoskill.cli.schemas import RegionsConfig, SimulatedTaskConfig, TrainCommandConfig
 from geoskill.cli.scoring import load_labels
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import Labels
+from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.image_folder import ImageFolder
@@ -49,11 +53,18 @@ class RecordingSource(FrameSource):
     Args:
         recording: the recording.
         name: as it is called in messages.
+        depth: the sensor that measures depth beside the pictures, or ``off``.
+        seed: of the recording, for the noise of the sensor.
+        episode: name of the recording, likewise.
     """
 
-    def __init__(self, recording: "Recording", name: str) -> None:
+    def __init__(
+        self, recording: "Recording", name: str, *, depth: str = "off", seed: int = 0, episode: str = ""
+    ) -> None:
         self._recording = recording
         self._name = name
+        self._depth = depth
+        self._seed, self._episode = seed, episode
 
     @property
     def name(self) -> str:
@@ -69,7 +80,16 @@ class RecordingSource(FrameSource):
 
     def __iter__(self) -> Iterator[Frame]:
         for index in range(len(self._recording)):
-            yield Frame(index, index / self.frame_rate, self._recording.picture(index))
+            yield Frame(index, index / self.frame_rate, self._recording.picture(index), *self._sensed(index))
+
+    def _sensed(self, index: int) -> "tuple[()] | tuple[Float32[np.ndarray, 'height width'], DepthCamera]":
+        """Return the depth of a frame with its intrinsics, or nothing without a sensor."""
+        from geoskill.simulation.depth_sensor import NOISE_PER_M, depth_camera, recorded_depth
+
+        if self._depth == "off":
+            return ()
+        camera = depth_camera(self._recording.intrinsics, NOISE_PER_M[self._depth])
+        return recorded_depth(self._recording, index, self._depth, self._seed, self._episode), camera
 
 
 def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) -> Iterator[LabeledSequence]:
@@ -87,7 +107,7 @@ def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) 
     if isinstance(task, SimulatedTaskConfig):
         episodes = [DEMONSTRATION, *(f"{DEMONSTRATION} {number}" for number in range(2, task.num_demonstrations + 1))]
         scene = SimulatedScene(task.name, config.seed, config.scenario)
-        return (labeled_recording(scene, episode, store) for episode in episodes)
+        return (labeled_recording(scene, episode, store, task.depth) for episode in episodes)
     parts = parts_of(task)
     if task.regions.path is not None and parts and not parts[0].is_whole:
         raise InputError(
@@ -121,13 +141,16 @@ def labeled_video(source: FrameSource, regions: RegionsConfig, every: int, minim
     return LabeledSequence(source, frames, labels)
 
 
-def labeled_recording(scene: SimulatedScene, episode: str, store: DiskCache | None) -> LabeledSequence:
+def labeled_recording(
+    scene: SimulatedScene, episode: str, store: DiskCache | None, depth: str = "off"
+) -> LabeledSequence:
     """Return a recording with its ground truth, rendered unless the store has it.
 
     Args:
         scene: what it shows.
         episode: name of the recording; other episodes have other places and paths.
         store: where recordings are kept.
+        depth: the sensor that measures depth beside the pictures, or ``off``.
 
     Raises:
         InputError: when there is no such task, or no OpenGL context.
@@ -136,7 +159,7 @@ def labeled_recording(scene: SimulatedScene, episode: str, store: DiskCache | No
 
     recording = simulated_recording(scene, episode, store)
     name = f"{scene.task}, {episode}"
-    source = RecordingSource(recording, name)
+    source = RecordingSource(recording, name, depth=depth, seed=scene.seed, episode=episode)
     return LabeledSequence(source, list(source), SimulatedLabels(recording, name), recording)
 
 

@@ -17,6 +17,8 @@ RANDOM_TARGET_RANGE = PlacementRange(0.045, 0.035, math.radians(35))
 START_RANGE = PlacementRange(0.02, 0.02, math.radians(30))
 
 CAMERA_POSITION = np.array([0.0, -0.46, 0.56])
+# From the right, so that the lines of sight of both cameras cross at about 70 degrees.
+SECOND_CAMERA_POSITION = np.array([0.56, -0.20, 0.50])
 CAMERA_TARGET = np.array([0.02, 0.02, 0.02])
 
 # A camera that pans aside leaves the scene at ASIDE_BEGIN and is back at ASIDE_END; turning takes ASIDE_TURN each way.
@@ -30,14 +32,17 @@ def target_range(scenario: ScenarioConfig) -> PlacementRange:
 
 
 def camera_trajectory(
-    scenario: ScenarioConfig, frames: int, rng: np.random.Generator
+    scenario: ScenarioConfig,
+    frames: int,
+    rng: np.random.Generator,
+    usual: Float64[np.ndarray, "3"] = CAMERA_POSITION,
 ) -> Float64[np.ndarray, "frames 4 4"]:
-    """Return the camera's pose on every frame: at rest near its usual place, or turning about the scene.
+    """Return a camera's pose on every frame: at rest near its usual place, or turning about the scene.
 
     A moving camera goes around the scene's vertical and rolls about its own axis, by 25 to 35 degrees together at
     severity 1, and shifts by some centimeters.
     """
-    position = CAMERA_POSITION + rng.uniform(-0.015, 0.015, 3)
+    position = usual + rng.uniform(-0.015, 0.015, 3)
     target = CAMERA_TARGET + rng.uniform(-0.01, 0.01, 3)
     if not scenario.move_camera:
         return np.repeat(look_at(position, target)[None], frames, axis=0)

@@ -13,20 +13,20 @@ from geoskill.geometry.poses import Pose, pose
 from geoskill.simulation import REQUESTED_GL, has_libraries
 from geoskill.simulation.shapes import add_mocap_body, set_body_pose
 
-CAMERA = "camera"
+CAMERA, SECOND_CAMERA = "camera", "second_camera"
 VERTICAL_VIEW_DEG = 40.0
 SYSTEM_PACKAGES = "libegl1 libgl1 libgl1-mesa-dri"
 
 
-def add_camera(spec: mujoco.MjSpec, width: int, height: int) -> None:
-    """Add the recording camera, whose pose :func:`set_camera_pose` sets on every frame."""
+def add_camera(spec: mujoco.MjSpec, width: int, height: int, name: str = CAMERA) -> None:
+    """Add a camera, by default the recording one, whose pose :func:`set_camera_pose` sets on every frame."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.shadowsize = 4096
     spec.visual.quality.offsamples = 4
     spec.visual.map.znear = 0.05
     # The extent is the area around the center in which shadows are computed; the wider, the coarser they are.
     spec.stat.center, spec.stat.extent = [0.0, 0.0, 0.0], 1.0
-    add_mocap_body(spec, CAMERA).add_camera(name=CAMERA, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
+    add_mocap_body(spec, name).add_camera(name=name, fovy=VERTICAL_VIEW_DEG, pos=[0, 0, 0])
 
 
 def camera_intrinsics(width: int, height: int) -> PinholeCamera:
@@ -34,14 +34,14 @@ def camera_intrinsics(width: int, height: int) -> PinholeCamera:
     return PinholeCamera(width, height, focal_length_px(height, float(np.radians(VERTICAL_VIEW_DEG))), np.eye(4))
 
 
-def set_camera_pose(model: mujoco.MjModel, data: mujoco.MjData, camera_pose: Pose) -> None:
-    """Set the camera's pose; MuJoCo's cameras look along -z with y up, :class:`PinholeCamera` along z with y down."""
-    set_body_pose(model, data, CAMERA, camera_pose @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0])))
+def set_camera_pose(model: mujoco.MjModel, data: mujoco.MjData, camera_pose: Pose, name: str = CAMERA) -> None:
+    """Set a camera's pose; MuJoCo's cameras look along -z with y up, :class:`PinholeCamera` along z with y down."""
+    set_body_pose(model, data, name, camera_pose @ pose((0.0, 0.0, 0.0), np.diag([1.0, -1.0, -1.0])))
 
 
 @final
 class Renderer:
-    """An offscreen renderer of one model, to be closed after use, preferably by ``with``.
+    """An offscreen renderer of one model, seen by any of its cameras, to be closed after use, preferably by ``with``.
 
     Args:
         model: to be rendered.
@@ -77,15 +77,15 @@ class Renderer:
         """Release the OpenGL context; MuJoCo can fail when another one is created before."""
         self._renderer.close()
 
-    def picture(self, data: mujoco.MjData) -> UInt8[np.ndarray, "height width 3"]:
+    def picture(self, data: mujoco.MjData, camera: str = CAMERA) -> UInt8[np.ndarray, "height width 3"]:
         """Render an RGB image."""
-        self._renderer.update_scene(data, CAMERA)
+        self._renderer.update_scene(data, camera)
         return np.array(self._renderer.render())
 
-    def body_ids(self, data: mujoco.MjData) -> Int16[np.ndarray, "height width"]:
+    def body_ids(self, data: mujoco.MjData, camera: str = CAMERA) -> Int16[np.ndarray, "height width"]:
         """Render the id of the body that is visible at each pixel: -1 for a flexible body, -2 for none."""
         self._renderer.enable_segmentation_rendering()
-        self._renderer.update_scene(data, CAMERA)
+        self._renderer.update_scene(data, camera)
         ids, types = np.moveaxis(self._renderer.render(), -1, 0)
         self._renderer.disable_segmentation_rendering()
         bodies = np.full(ids.shape, -2, np.int16)
@@ -94,10 +94,10 @@ class Renderer:
         bodies[types == int(mujoco.mjtObj.mjOBJ_FLEX)] = -1
         return bodies
 
-    def depth_m(self, data: mujoco.MjData) -> Float32[np.ndarray, "height width"]:
+    def depth_m(self, data: mujoco.MjData, camera: str = CAMERA) -> Float32[np.ndarray, "height width"]:
         """Render the depth of each pixel along the camera's axis, meters."""
         self._renderer.enable_depth_rendering()
-        self._renderer.update_scene(data, CAMERA)
+        self._renderer.update_scene(data, camera)
         depth = self._renderer.render().copy()
         self._renderer.disable_depth_rendering()
         return np.asarray(depth, np.float32)

@@ -14,7 +14,13 @@ from geoskill.geometry.poses import Pose, transform
 from geoskill.simulation.actors.actor import Actor
 from geoskill.simulation.actors.gripper import Gripper
 from geoskill.simulation.actors.hand import Hand
-from geoskill.simulation.conditions import START_RANGE, camera_trajectory, pan_aside, target_range
+from geoskill.simulation.conditions import (
+    SECOND_CAMERA_POSITION,
+    START_RANGE,
+    camera_trajectory,
+    pan_aside,
+    target_range,
+)
 from geoskill.simulation.environment import (
     LAMP,
     OCCLUDER,
@@ -27,7 +33,7 @@ from geoskill.simulation.environment import (
 )
 from geoskill.simulation.motion import PathSpec, ScriptedMotion, human_motion, robot_motion
 from geoskill.simulation.randomness import generator
-from geoskill.simulation.renderer import add_camera, camera_intrinsics
+from geoskill.simulation.renderer import CAMERA, SECOND_CAMERA, add_camera, camera_intrinsics
 from geoskill.simulation.sensor import exposure_drift
 from geoskill.simulation.tasks.task import PlanarPose, Task, TaskScene
 
@@ -47,7 +53,7 @@ class Script:
         actor: who moves the object.
         motion: of the object and the actor in the task's demonstration.
         intrinsics: the camera at the origin.
-        camera_poses: of the camera in the world.
+        camera_poses: of each camera in the world, by its name; the recording one is the first.
         trajectories: world poses of the occluder and the moving lamp, where there are any, by body.
         exposures: factors on the intensity.
         episode_rng: draws the noise of the pictures, after everything else has been drawn.
@@ -58,16 +64,16 @@ class Script:
     actor: Actor
     motion: ScriptedMotion
     intrinsics: PinholeCamera
-    camera_poses: Trajectory
+    camera_poses: Mapping[str, Trajectory]
     trajectories: Mapping[str, Trajectory]
     exposures: Float64[np.ndarray, " frames"]
     episode_rng: np.random.Generator
 
     def __len__(self) -> int:
-        return len(self.camera_poses)
+        return len(self.exposures)
 
 
-def write_script(task: Task, scenario: ScenarioConfig, seed: int, episode: str) -> Script:
+def write_script(task: Task, scenario: ScenarioConfig, seed: int, episode: str, *, second_camera: bool) -> Script:
     """Draw a scene; equal arguments give equal scenes.
 
     Args:
@@ -75,6 +81,7 @@ def write_script(task: Task, scenario: ScenarioConfig, seed: int, episode: str) 
         scenario: who performs it, and which difficulties there are.
         seed: of the appearance of things: prints and colors.
         episode: its name seeds everything else, such as placements, path and speed.
+        second_camera: whether another camera looks from the right; it changes nothing for the first.
     """
     # The strings only seed the generators; changing one, or the order of draws, changes every recording.
     episode_rng = generator(seed, task.name, "take", episode)
@@ -112,7 +119,12 @@ def write_script(task: Task, scenario: ScenarioConfig, seed: int, episode: str) 
     if leaves and scene.cloth is not None:
         camera_poses = pan_aside(camera_poses, scenario.severity)  # a cloth on the table cannot be carried away
     exposures = exposure_drift(frames, episode_rng)
-    return Script(spec, scene, actor, motion, intrinsics, camera_poses, trajectories, exposures, episode_rng)
+    cameras = {CAMERA: camera_poses}
+    if second_camera:
+        add_camera(spec, WIDTH, HEIGHT, SECOND_CAMERA)
+        rng = generator(seed, "second camera", episode)
+        cameras[SECOND_CAMERA] = camera_trajectory(scenario, frames, rng, SECOND_CAMERA_POSITION)
+    return Script(spec, scene, actor, motion, intrinsics, cameras, trajectories, exposures, episode_rng)
 
 
 def _outside(

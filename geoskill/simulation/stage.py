@@ -1,5 +1,6 @@
 """A scene that can be stepped: the object is led, and the camera shows what has become of it."""
 
+from dataclasses import replace
 from functools import cached_property
 from types import TracebackType
 from typing import final
@@ -14,7 +15,7 @@ from geoskill.geometry.camera import PinholeCamera
 from geoskill.geometry.poses import Pose, inverse, pose, transform
 from geoskill.simulation.actors.actor import BODY as ACTOR
 from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, decode_picture, encode_png
-from geoskill.simulation.renderer import Renderer, set_camera_pose
+from geoskill.simulation.renderer import CAMERA, Renderer, set_camera_pose
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.script import write_script
 from geoskill.simulation.sensor import Image, compress, expose
@@ -35,6 +36,7 @@ class Stage:
         scenario: who holds the object, and which difficulties there are.
         seed: of the appearance of things: prints and colors.
         episode: its name seeds everything else, such as placements.
+        second_camera: whether another camera looks from the right; pictures of the first do not change.
 
     Attributes:
         scene: the task in the scene: the object's start and goal, the grip, the roles.
@@ -44,16 +46,18 @@ class Stage:
         InputError: when ``seed`` is negative; also when something is rendered without an OpenGL context available.
     """
 
-    def __init__(self, task: Task, scenario: ScenarioConfig, seed: int, episode: str) -> None:
+    def __init__(
+        self, task: Task, scenario: ScenarioConfig, seed: int, episode: str, *, second_camera: bool = False
+    ) -> None:
         if seed < 0:
             raise InputError(f"seed={seed}: expected 0 or more for a simulated task")
-        self._script = script = write_script(task, scenario, seed, episode)
+        self._script = script = write_script(task, scenario, seed, episode, second_camera=second_camera)
         self.scene = script.scene
         self.motion = script.motion
         self._model = script.spec.compile()
         self._data = mujoco.MjData(self._model)
         self._frame = 0
-        self._jpeg: bytes | None = None
+        self._jpegs: dict[str, bytes] = {}
         self.scene.dynamics.start(self._model, self._data, self.motion.object_poses[0])
         self._place_actor(self.motion.object_poses[0], 0.0, 0.0)
         self.surround(0)
@@ -83,7 +87,8 @@ class Stage:
     def surround(self, frame: int) -> None:
         """Move the camera, the occluder and the lamp to a frame of the demonstration, after its end to the last."""
         self._frame = frame = min(frame, len(self) - 1)
-        set_camera_pose(self._model, self._data, self._script.camera_poses[frame])
+        for name, trajectory in self._script.camera_poses.items():
+            set_camera_pose(self._model, self._data, trajectory[frame], name)
         for body, trajectory in self._script.trajectories.items():
             set_body_pose(self._model, self._data, body, trajectory[frame])
         self._update()
@@ -107,22 +112,22 @@ class Stage:
         """
         self._place_actor(object_pose, opening, retreat_m)
         self.scene.dynamics.move(self._model, self._data, object_pose, held, seconds)
-        self._jpeg = None
+        self._jpegs.clear()
 
-    def picture(self) -> Image:
-        """Return the RGB image that the camera delivers: with blur, exposure, noise and compression.
+    def picture(self, camera: str = CAMERA) -> Image:
+        """Return the RGB image that a camera delivers: with blur, exposure, noise and compression.
 
         It is the same until something moves; then even what is at rest has new noise.
         """
-        return decode_picture(self._compressed())
+        return decode_picture(self._compressed(camera))
 
-    def depth_m(self) -> Float32[np.ndarray, "height width"]:
-        """Return the true depth of each pixel along the camera's axis, meters."""
-        return self._renderer.depth_m(self._data)
+    def depth_m(self, camera: str = CAMERA) -> Float32[np.ndarray, "height width"]:
+        """Return the true depth of each pixel along a camera's axis, meters."""
+        return self._renderer.depth_m(self._data, camera)
 
-    def body_ids(self) -> Int16[np.ndarray, "height width"]:
+    def body_ids(self, camera: str = CAMERA) -> Int16[np.ndarray, "height width"]:
         """Return the id of the body that is visible at each pixel: -1 for the cloth, -2 for none."""
-        return self._renderer.body_ids(self._data)
+        return self._renderer.body_ids(self._data, camera)
 
     def bodies(self) -> list[str]:
         """Return the names of the bodies, by id."""
@@ -133,10 +138,18 @@ class Stage:
         return _body_poses(self._data)
 
     @property
+    def cameras(self) -> tuple[str, ...]:
+        """The names of the cameras, the recording one first."""
+        return tuple(self._script.camera_poses)
+
+    @property
     def camera(self) -> PinholeCamera:
-        """The camera at its pose."""
-        intrinsics, camera_pose = self._script.intrinsics, self._script.camera_poses[self._frame]
-        return PinholeCamera(intrinsics.width, intrinsics.height, intrinsics.focal_px, camera_pose)
+        """The recording camera at its pose."""
+        return self.view(CAMERA)
+
+    def view(self, camera: str) -> PinholeCamera:
+        """Return a camera at its pose."""
+        return replace(self._script.intrinsics, pose=self._script.camera_poses[camera][self._frame])
 
     @property
     def roles(self) -> tuple[RolePart, ...]:
@@ -148,31 +161,31 @@ class Stage:
             *(RolePart(body.name, SceneRole.AGENT) for body in attached if body.rootid[0] == root),
         )
 
-    def shot(self) -> Recording:
-        """Return a recording of one frame, the present one.
+    def shot(self, camera: str = CAMERA) -> Recording:
+        """Return a recording of one frame, the present one, by one camera.
 
         With it, :class:`~geoskill.simulation.ground_truth.FrameGroundTruth` and all else that knows recordings judges
         what a stage shows; the goal is a shot after the object has been led there.
         """
-        depth = self.depth_m() / DEPTH_UNIT_M
+        depth = self.depth_m(camera) / DEPTH_UNIT_M
         return Recording(
-            pictures=[self._compressed()],
-            segmentations=[encode_png((self.body_ids() + 2).astype(np.uint8))],
+            pictures=[self._compressed(camera)],
+            segmentations=[encode_png((self.body_ids(camera) + 2).astype(np.uint8))],
             depths=[encode_png(np.clip(depth + 0.5, 0, 65535).astype(np.uint16))],
             bodies=self.bodies(),
             poses=self.poses()[None],
             intrinsics=self._script.intrinsics,
-            camera_poses=self.camera.pose[None],
+            camera_poses=self.view(camera).pose[None],
             roles=self.roles,
             cloth=None if self.scene.cloth is None else self._cloth(self.scene.cloth),
         )
 
-    def _compressed(self) -> bytes:
-        if self._jpeg is None:
-            rendered = self._renderer.picture(self._data)
+    def _compressed(self, camera: str) -> bytes:
+        if camera not in self._jpegs:
+            rendered = self._renderer.picture(self._data, camera)
             exposure = float(self._script.exposures[self._frame])
-            self._jpeg = compress(expose(rendered, exposure, self._script.episode_rng))
-        return self._jpeg
+            self._jpegs[camera] = compress(expose(rendered, exposure, self._script.episode_rng))
+        return self._jpegs[camera]
 
     def _place_actor(self, object_pose: Pose, opening: float, retreat_m: float) -> None:
         self._script.actor.set_opening(self._model, self._data, opening)
@@ -183,7 +196,7 @@ class Stage:
         """Compute what the renderer shows; no dynamics, whose solver starts from where it last was."""
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._jpeg = None
+        self._jpegs.clear()
 
     def _cloth(self, name: str) -> Cloth:
         triangles = self._model.flex_elem.reshape(-1, 3).copy()

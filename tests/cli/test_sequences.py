@@ -17,6 +17,7 @@ from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
 from geoskill.io.disk_cache import DiskCache
 from geoskill.simulation import scene
+from geoskill.simulation.depth_sensor import recorded_depth
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.scene import RecordingSettings
@@ -36,6 +37,18 @@ def test_recording_source_yields_its_frames(hand_made_recording: Recording) -> N
     assert [(frame.index, frame.time_s) for frame in frames] == [(0, 0.0), (1, pytest.approx(1 / 30))]
     np.testing.assert_array_equal(frames[1].image, hand_made_recording.picture(1))
     assert [frame.index for frame in source] == [0, 1]  # again from the first
+
+
+def test_recording_source_yields_depth_where_a_sensor_is_chosen(hand_made_recording: Recording) -> None:
+    assert all(frame.depth_m is None for frame in RecordingSource(hand_made_recording, "robot"))
+    first, second = RecordingSource(hand_made_recording, "robot", depth="d435", seed=1, episode="robot")
+    assert first.depth_camera is not None
+    assert (first.depth_camera.focal_x_px, first.depth_camera.center_x_px) == (80.0, 20.0)
+    assert first.depth_camera.noise_per_m == pytest.approx(0.08 / (436 * 0.05))
+    assert first.depth_m is not None
+    # The table at 1 m, far from an edge.
+    assert first.depth_m[2, 2] == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_array_equal(second.depth_m, recorded_depth(hand_made_recording, 1, "d435", 1, "robot"))
 
 
 def test_video_without_regions_has_no_labels(demonstration_folder: Path) -> None:

@@ -134,3 +134,28 @@ def test_surroundings_move_on_their_own(opengl: None, task_named: TaskNamed) -> 
         last = stage.camera.pose
         stage.surround(len(stage) - 1)
         np.testing.assert_array_equal(stage.camera.pose, last)
+
+
+@pytest.mark.slow
+def test_second_camera_sees_the_same_and_changes_nothing_for_the_first(opengl: None, task_named: TaskNamed) -> None:
+    arguments = (task_named("sorting"), ScenarioConfig("robot"), 0, "robot")
+    with Stage(*arguments) as stage:
+        stage.lead(stage.scene.start)
+        alone, bodies = stage.picture(), stage.bodies()
+        assert stage.cameras == ("camera",)
+    with Stage(*arguments, second_camera=True) as stage:
+        stage.lead(stage.scene.start)
+        assert stage.bodies() == [*bodies, "second_camera"]
+        np.testing.assert_array_equal(stage.picture(), alone)
+        assert stage.cameras == ("camera", "second_camera")
+        top = (stage.scene.start @ [0.0, 0.0, 0.0184, 1.0])[None, :3]
+        sights = []
+        for name in stage.cameras:
+            view = stage.view(name)
+            (column, row), depth = (values[0] for values in project(view, top))
+            assert stage.bodies()[stage.body_ids(name)[round(row), round(column)]] == "box"
+            assert stage.depth_m(name)[round(row), round(column)] == pytest.approx(depth, abs=0.002)
+            sights.append((top[0] - view.pose[:3, 3]) / np.linalg.norm(top[0] - view.pose[:3, 3]))
+            assert len(FrameGroundTruth(stage.shot(name), 0).at(np.array([[round(column), round(row)]]))) == 1
+        assert 50 < np.degrees(np.arccos(sights[0] @ sights[1])) < 90
+        assert np.abs(stage.picture("second_camera").astype(float) - stage.picture()).mean() > 5
