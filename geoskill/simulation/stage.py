@@ -14,13 +14,15 @@ from geoskill.errors import InputError
 from geoskill.geometry.camera import PinholeCamera
 from geoskill.geometry.poses import Pose, inverse, pose, transform
 from geoskill.simulation.actors.actor import BODY as ACTOR
+from geoskill.simulation.contact import HOLD, SolidObject, add_contact, body_pose, contact_forces
+from geoskill.simulation.placement import GoalDistance, distance_to_goal
 from geoskill.simulation.recording import DEPTH_UNIT_M, FRAME_RATE, Cloth, Recording, decode_picture, encode_png
 from geoskill.simulation.renderer import CAMERA, Renderer, set_camera_pose
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.script import write_script
 from geoskill.simulation.sensor import Image, compress, expose
 from geoskill.simulation.shapes import set_body_pose
-from geoskill.simulation.tasks.task import RolePart, Task
+from geoskill.simulation.tasks.task import RigidObject, RolePart, Task
 
 
 @final
@@ -37,29 +39,38 @@ class Stage:
         seed: of the appearance of things: prints and colors.
         episode: its name seeds everything else, such as placements.
         second_camera: whether another camera looks from the right; pictures of the first do not change.
+        contact: whether the object is stopped by what it touches, and falls when it is let go.
 
     Attributes:
         scene: the task in the scene: the object's start and goal, the grip, the roles.
         motion: of object and actor in the task's demonstration, frame by frame; :meth:`lead` may follow it.
 
     Raises:
-        InputError: when ``seed`` is negative; also when something is rendered without an OpenGL context available.
+        InputError: when ``seed`` is negative, or ``contact`` is asked for and nothing stops the task's object; also
+            when something is rendered without an OpenGL context available.
     """
 
     def __init__(
-        self, task: Task, scenario: ScenarioConfig, seed: int, episode: str, *, second_camera: bool = False
+        self,
+        task: Task,
+        scenario: ScenarioConfig,
+        seed: int,
+        episode: str,
+        *,
+        second_camera: bool = False,
+        contact: bool = False,
     ) -> None:
         if seed < 0:
             raise InputError(f"seed={seed}: expected 0 or more for a simulated task")
         self._script = script = write_script(task, scenario, seed, episode, second_camera=second_camera)
         self.scene = script.scene
         self.motion = script.motion
+        self._dynamics = add_contact(script.spec, task.name, script.scene) if contact else script.scene.dynamics
         self._model = script.spec.compile()
         self._data = mujoco.MjData(self._model)
         self._frame = 0
         self._jpegs: dict[str, bytes] = {}
-        self.scene.dynamics.start(self._model, self._data, self.motion.object_poses[0])
-        self._place_actor(self.motion.object_poses[0], 0.0, 0.0)
+        self.put(self.motion.object_poses[0])
         self.surround(0)
 
     @cached_property
@@ -93,6 +104,12 @@ class Stage:
             set_body_pose(self._model, self._data, body, trajectory[frame])
         self._update()
 
+    def put(self, object_pose: Pose) -> None:
+        """Put the object and the actor that holds it at a pose at once, whatever is between."""
+        self._dynamics.start(self._model, self._data, object_pose)
+        self._place_actor(object_pose, 0.0, 0.0)
+        self._update()
+
     def lead(
         self,
         object_pose: Pose,
@@ -101,7 +118,7 @@ class Stage:
         retreat_m: float = 0.0,
         seconds: float = 1 / FRAME_RATE,
     ) -> None:
-        """Move the object and the actor that holds it.
+        """Move the object and the actor that holds it; with contact, both stop where the object presses on something.
 
         Args:
             object_pose: where the object is to be, in the world.
@@ -111,8 +128,25 @@ class Stage:
             seconds: time that the movement takes.
         """
         self._place_actor(object_pose, opening, retreat_m)
-        self.scene.dynamics.move(self._model, self._data, object_pose, held, seconds)
-        self._jpegs.clear()
+        self._dynamics.move(self._model, self._data, object_pose, held, seconds)
+        if held and isinstance(self._dynamics, SolidObject):
+            self._place_actor(body_pose(self._model, self._data, HOLD), opening, retreat_m)
+        self._update()
+
+    def touched(self) -> dict[str, float]:
+        """Return the bodies that the object touches, with their normal forces on it, newtons; none without contact."""
+        return contact_forces(self._model, self._data)
+
+    def distance_to_goal(self, camera: str = CAMERA) -> GoalDistance:
+        """Return how far the object is from its goal, as a camera sees it.
+
+        Raises:
+            ValueError: when the object is a cloth.
+        """
+        if not isinstance(self._dynamics, RigidObject | SolidObject):
+            raise ValueError(f"{self.scene.cloth} is a cloth; expected a rigid object")
+        present = body_pose(self._model, self._data, self._dynamics.body)
+        return distance_to_goal(present, self.scene, self.view(camera))
 
     def picture(self, camera: str = CAMERA) -> Image:
         """Return the RGB image that a camera delivers: with blur, exposure, noise and compression.

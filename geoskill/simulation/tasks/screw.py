@@ -67,6 +67,7 @@ class Screw(Task):
             dynamics=RigidObject(OBJECT),
             extent=corners - np.array([*_hole(marked), 2 * HALF_PLATE[2] - DEPTH]),
             roles=(RolePart(OBJECT, SceneRole.OBJECT), RolePart(TARGET, SceneRole.TARGET)),
+            solid=False,  # the holes are paint
         )
 
 

@@ -1,7 +1,7 @@
 """Interface of the tasks: a scene on the table, with the object's start and goal."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, final
 
 import mujoco
@@ -127,6 +127,8 @@ class TaskScene:
         extent: corners of the target and what comes to lie on it, in the goal's frame, to be hidden by an occluder.
         roles: the parts of bodies that have a role; the first that contains a point counts.
         cloth: name of the cloth, whose points have coordinates in its rest state, if there is one.
+        solid: whether things stop each other as they are drawn, so that the object at its goal rests on something.
+        free_axis: in the object's frame, about which the goal leaves the object free to turn, if there is one.
     """
 
     start: Pose
@@ -137,7 +139,9 @@ class TaskScene:
     dynamics: ObjectDynamics
     extent: Float64[np.ndarray, "corners 3"]
     roles: tuple[RolePart, ...]
-    cloth: str | None = field(default=None)
+    cloth: str | None = None
+    solid: bool = True
+    free_axis: Float64[np.ndarray, "3"] | None = None
 
 
 class Task(ABC):
