@@ -1,0 +1,34 @@
+"""Interface of the motion field: how the picture of the carried thing moves when the actor moves."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from jaxtyping import Float64
+
+from geoskill.control.action import Action
+
+Points = Float64[np.ndarray, "m 2"]
+PointJacobians = Float64[np.ndarray, "m 2 n"]
+
+
+class ImageMotion(ABC):
+    """Motion of any point of the carried thing in one camera's picture, as a function of where it is in the picture."""
+
+    @abstractmethod
+    def jacobian(self, points: Points) -> PointJacobians:
+        """Return the derivative of each point's pixel with respect to the action, pixels per meter or radian."""
+
+    @abstractmethod
+    def observed(self, before: Points, after: Points, action: Action) -> "ImageMotion":
+        """Return the field after features of the carried thing were seen to move.
+
+        Args:
+            before: where they were, pixels.
+            after: where they are.
+            action: that was carried out in between.
+        """
+
+    def displacement(self, points: Points, action: Action) -> Points:
+        """Return how far each point moves with an action, pixels."""
+        moved: Points = self.jacobian(points) @ action
+        return moved
