@@ -74,9 +74,9 @@ def command(
     environment: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Command:
     """``command("train", "seed=1")`` does what ``python train.py seed=1`` does, within this process."""
-    from geoskill.cli import evaluate, infer, reproduce, train
+    from geoskill.cli import evaluate, infer, reproduce, servo, train
 
-    mains = {"train": train.main, "infer": infer.main, "evaluate": evaluate.main, "reproduce": reproduce.main}
+    mains = {"train": train.main, "infer": infer.main, "evaluate": evaluate.main, "reproduce": reproduce.main, "servo": servo.main}
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, environment[name])
     for name in ("HYDRA_FULL_ERROR", "WANDB_SILENT"):  # the commands set them; what is set here ends with the test

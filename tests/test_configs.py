@@ -55,7 +55,7 @@ ARTIFACTS = [name for group, name in OPTIONS if group == "artifact"]
 SIMULATED = [name for group, name in OPTIONS if group == "task" and name != "video"]
 # What a skill is learned from is also what it is scored on, and both are what is timed.
 SHARED = {
-    **{group: ["evaluate", "pipeline", "train"] for group in ("task", "scenario")},
+    **{group: ["evaluate", "pipeline", "servo", "train"] for group in ("task", "scenario")},
     **{group: ["pipeline", "train"] for group in ("kernel", "descriptor", "model")},
 }
 

@@ -25,6 +25,8 @@ from geoskill.cli.paths import with_literal_paths
 from geoskill.cli.run_folder import register_new_folder
 from geoskill.cli.schemas import (
     RENAMED,
+    ControllerConfig,
+    PlantConfig,
     SimulatedTaskConfig,
     TrainCommandConfig,
     VideoTaskConfig,
@@ -36,7 +38,7 @@ from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
 from geoskill.schema import as_written, check_value, expectation, settings_of
 
 C = TypeVar("C", bound=Config)
-GROUPS = ("kernel", "descriptor", "model", "task", "logger")
+GROUPS = ("kernel", "descriptor", "model", "task", "logger", "controller", "plant")
 
 
 def configuration_folder() -> str:
@@ -71,6 +73,8 @@ def register_schemas(command: str, schema: type[Config]) -> None:
         store.store(group="task", name=name, node=SimulatedTaskConfig(name))
     store.store(group="task", name="video", node=VideoTaskConfig)
     store.store(group="scenario", name="human", node=ScenarioConfig)
+    store.store(group="controller", name="field", node=ControllerConfig)
+    store.store(group="plant", name="points", node=PlantConfig)
     store.store(group="trainer", name="cpu", node=TrainerConfig)
     store.store(group="logger", name="wandb", node={"wandb": WandbConfig})
     for registry in (KERNELS, EXTRACTORS, SCORERS, TASKS):

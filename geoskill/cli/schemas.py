@@ -18,6 +18,7 @@ from geoskill.config import (
     SelectionConfig,
     TrainConfig,
 )
+from geoskill.control.settings import ServoConfig
 from geoskill.plugins import EXTRACTORS
 from geoskill.schema import WORDS, markdown_table, reference_table, setting
 
@@ -182,11 +183,74 @@ class ReproduceCommandConfig(Config):
     debug: bool = _debug()
 
 
+@final
+@dataclass
+class ControllerConfig(Config):
+    """Where the Jacobian of the picture comes from."""
+
+    name: str = setting(
+        "field",
+        "`field`: estimated from what is seen to move; `calibrated`: from a known camera; `truth`: exact; `broyden`: the"
+        " Jacobian of the error itself, the usual way.",
+        choices=("field", "calibrated", "truth", "broyden"),
+    )
+
+
+@final
+@dataclass
+class PlantConfig(Config):
+    """What is controlled."""
+
+    name: str = setting(
+        "points",
+        "`points`: projected points with noise; `scene`: rendered pictures.",
+        choices=("points", "scene"),
+    )
+    pairs: int = setting(8, "Associations of two points, of plant=points.", at_least=0, at_most=50)
+    lines: int = setting(0, "Associations of two lines, of plant=points.", at_least=0, at_most=50)
+
+
+@final
+@dataclass
+class ServoCommandConfig(Config):
+    """`servo.py`: close the loop in simulation, and measure how well it ends."""
+
+    skill: str | None = setting(None, "RUN/skill.ckpt or a run folder, for plant=scene.")
+    task: Any = setting(lambda: SimulatedTaskConfig("insertion"), "Simulated task, for plant=scene.")
+    scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
+    controller: Any = setting(ControllerConfig, "Where the Jacobian comes from.")
+    plant: Any = setting(PlantConfig, "What is controlled.")
+    select: str = setting(
+        "skill",
+        "Of plant=scene: `skill`: its associations; `truth`: detected pairs that meet at the goal, by the ground truth.",
+        choices=("skill", "truth"),
+    )
+    faults: str = setting(
+        "none",
+        "Faults of the selection, of plant=points: a switch in 15 % of the frames (`switches`), and 20 % wrong ones"
+        " (`wrong`), and 20 % missed, 10 % of the frames lost, one frame late (`all`); pairs 3 mm apart (`apart`).",
+        choices=("none", "switches", "wrong", "apart", "all", "all_apart"),
+    )
+    trials: int = setting(20, "Trials; those that are in the folder already are kept.", at_least=1)
+    cameras: int = setting(1, "Cameras.", at_least=1, at_most=2)
+    dof: str = setting(
+        "descent",
+        "`descent`: x, y and yaw by the picture, and a guarded way down; `xyzy`, `xyzabc`: all by the pictures.",
+        choices=("descent", "xyzy", "xyzabc"),
+    )
+    seed: int = setting(0, "Seed of the trials; in scenes also of the looks of things.", at_least=0)
+    servo: ServoConfig = field(default_factory=ServoConfig)
+    cache: CacheConfig = field(default_factory=CacheConfig)
+    device: str = setting("cpu", "Device of the networks.")
+    debug: bool = _debug()
+
+
 COMMANDS: Mapping[str, type[Config]] = {
     "train": TrainCommandConfig,
     "infer": InferCommandConfig,
     "evaluate": EvaluateCommandConfig,
     "reproduce": ReproduceCommandConfig,
+    "servo": ServoCommandConfig,
 }
 
 RENAMED: Mapping[str, str] = {
