@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 
-.PHONY: help train infer evaluate reproduce test test-fast robustness lint docs clean
+.PHONY: help train infer evaluate servo reproduce test test-fast robustness lint docs clean
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
@@ -23,6 +23,9 @@ infer: $(READY) ## ask a skill: make infer ARGS="skill=RUN/skill.ckpt video=VIDE
 
 evaluate: $(READY) ## score a skill: make evaluate ARGS="skill=RUN/skill.ckpt video=DIR regions=FILE"
 	@$(RUN) evaluate.py $(ARGS)
+
+servo: $(READY) ## close the loop in simulation: make servo ARGS="faults=all" or ARGS="plant=scene skill=RUN/skill.ckpt"
+	@$(RUN) servo.py $(ARGS)
 
 reproduce: $(READY) ## train and score over several seeds: make reproduce ARGS="artifact.data=DIR"
 	@$(RUN) reproduce.py $(ARGS)

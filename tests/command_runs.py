@@ -76,7 +76,13 @@ def command(
     """``command("train", "seed=1")`` does what ``python train.py seed=1`` does, within this process."""
     from geoskill.cli import evaluate, infer, reproduce, servo, train
 
-    mains = {"train": train.main, "infer": infer.main, "evaluate": evaluate.main, "reproduce": reproduce.main, "servo": servo.main}
+    mains = {
+        "train": train.main,
+        "infer": infer.main,
+        "evaluate": evaluate.main,
+        "reproduce": reproduce.main,
+        "servo": servo.main,
+    }
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, environment[name])
     for name in ("HYDRA_FULL_ERROR", "WANDB_SILENT"):  # the commands set them; what is set here ends with the test

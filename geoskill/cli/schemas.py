@@ -190,8 +190,8 @@ class ControllerConfig(Config):
 
     name: str = setting(
         "field",
-        "`field`: estimated from what is seen to move; `calibrated`: from a known camera; `truth`: exact; `broyden`: the"
-        " Jacobian of the error itself, the usual way.",
+        "`field`: estimated from what is seen to move; `calibrated`: from a known camera; `truth`: exact; `broyden`:"
+        " the Jacobian of the error itself, the usual way.",
         choices=("field", "calibrated", "truth", "broyden"),
     )
 
@@ -208,6 +208,10 @@ class PlantConfig(Config):
     )
     pairs: int = setting(8, "Associations of two points, of plant=points.", at_least=0, at_most=50)
     lines: int = setting(0, "Associations of two lines, of plant=points.", at_least=0, at_most=50)
+    contact: bool = setting(
+        False,
+        "Of plant=scene: the way down ends by touch, as MuJoCo has it; false: at the goal's height by construction.",
+    )
 
 
 @final
@@ -222,7 +226,7 @@ class ServoCommandConfig(Config):
     plant: Any = setting(PlantConfig, "What is controlled.")
     select: str = setting(
         "skill",
-        "Of plant=scene: `skill`: its associations; `truth`: detected pairs that meet at the goal, by the ground truth.",
+        "Of plant=scene: `skill`: its associations; `truth`: detected pairs that meet at the goal by the ground truth.",
         choices=("skill", "truth"),
     )
     faults: str = setting(
@@ -238,7 +242,7 @@ class ServoCommandConfig(Config):
         "`descent`: x, y and yaw by the picture, and a guarded way down; `xyzy`, `xyzabc`: all by the pictures.",
         choices=("descent", "xyzy", "xyzabc"),
     )
-    seed: int = setting(0, "Seed of the trials; in scenes also of the looks of things.", at_least=0)
+    seed: int = setting(0, "Seed of the trials: where things are, and every error.", at_least=0)
     servo: ServoConfig = field(default_factory=ServoConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     device: str = setting("cpu", "Device of the networks.")

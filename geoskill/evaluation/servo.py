@@ -26,7 +26,9 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
         ValueError: when there are no trials, or fewer than successes.
     """
     if not 0 <= successes <= trials or trials == 0:
-        raise ValueError(f"{successes} successes of {trials} trials; expected at least one trial, and no more successes")
+        raise ValueError(
+            f"{successes} successes of {trials} trials; expected at least one trial, and no more successes"
+        )
     rate, square = successes / trials, CONFIDENCE_Z**2
     center = (rate + square / (2 * trials)) / (1 + square / trials)
     half = CONFIDENCE_Z * math.sqrt(rate * (1 - rate) / trials + square / (4 * trials**2)) / (1 + square / trials)

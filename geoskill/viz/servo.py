@@ -11,7 +11,9 @@ from geoskill.viz.curves import COLORS, save_figure
 PANELS = (("rms_px", "error [px]"), ("mm", "distance [mm]"), ("deg", "angle [°]"))
 
 
-def plot_trials(trials: Mapping[int, Mapping[str, Sequence[float]]], picture_path: Path, bounds: Mapping[str, float]) -> None:
+def plot_trials(
+    trials: Mapping[int, Mapping[str, Sequence[float]]], picture_path: Path, bounds: Mapping[str, float]
+) -> None:
     """Plot error, distance and angle of all trials over their frames, and the median of them all.
 
     Args:
