@@ -18,7 +18,7 @@ from torch import Tensor
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges
+from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges, node_dim
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
@@ -51,12 +51,14 @@ def check_kernel(kernel: type[Kernel]) -> None:
     _require(bool(kernel.meaning), f"{name} has no meaning")
     _require(kernel.error_dim >= 1 and kernel.resolution > 0, f"{name}: error_dim or resolution is not positive")
     _check_motif(kernel)
-    for points, lines in product((0, 1, 2, 5), (0, 1, 3)):
-        _check_instances(kernel, {NodeType.POINT: points, NodeType.LINE: lines})
+    for points, others in product((0, 1, 2, 5), (0, 1, 3)):
+        _check_instances(kernel, {kind: points if kind is NodeType.POINT else others for kind in NodeType})
     for count in (0, 1, 7):
         _check_error(kernel, "nodes at random places", _random_nodes(kernel, count, torch.float32))
     _check_error(kernel, "nodes of one place and no length", [torch.full_like(rows, 5.0) for rows in _pair(kernel)])
-    _check_error(kernel, "nodes without length", [rows[:, :2].repeat(1, rows.shape[1] // 2) for rows in _pair(kernel)])
+    width = 3 if kernel.in_space else 2
+    without_length = [torch.cat([rows[:, :width]] * 4, dim=1)[:, : rows.shape[1]] for rows in _pair(kernel)]
+    _check_error(kernel, "nodes without length", without_length)
     nodes = _random_nodes(kernel, 50, torch.float64)
     norm = kernel().control_error(nodes).norm(dim=1)
     _require(float(norm.min()) > 0, f"{name}: zero error of nodes at random places")
@@ -246,7 +248,7 @@ def _pair(kernel: type[Kernel]) -> list[Tensor]:
 
 def _random_nodes(kernel: type[Kernel], count: int, dtype: torch.dtype) -> list[Tensor]:
     generator = torch.Generator().manual_seed(0)
-    return [100 * torch.rand(count, role.geometry_dim, dtype=dtype, generator=generator) for role in kernel.roles]
+    return [100 * torch.rand(count, node_dim(kernel, role), dtype=dtype, generator=generator) for role in kernel.roles]
 
 
 def _textured_picture() -> np.ndarray:

@@ -12,6 +12,7 @@ from geoskill.config import InferenceConfig, SelectionConfig
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import FrameSource
 from geoskill.io.sources import is_live, open_frames
@@ -25,7 +26,11 @@ class Infer(Protocol):
     """What selects associations; see :meth:`Skill.infer`."""
 
     def __call__(
-        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None, /
+        self,
+        frame: UInt8[np.ndarray, "height width 3"],
+        features: Mapping[str, FeatureSet] | None = None,
+        depth: DepthPicture | None = None,
+        /,
     ) -> InferenceResult:
         """Select those of the next frame."""
 
@@ -88,4 +93,4 @@ def selection(skill: Skill, config: SelectionConfig | InferenceConfig) -> Infer:
         config: whether over time (:class:`TemporalFilter`), and the confidence below which nothing is selected.
     """
     select = skill.infer if config.temporal == "none" else TemporalFilter(skill, config.filter).infer
-    return lambda frame, features=None, /: abstain_below(select(frame, features), config.abstain)
+    return lambda frame, features=None, depth=None, /: abstain_below(select(frame, features, depth), config.abstain)

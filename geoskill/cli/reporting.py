@@ -67,7 +67,7 @@ def write_inference(
     ):
         try:
             for frame, features in show_progress(extracted, "selecting associations", total):
-                result = infer(frame.image, features)
+                result = infer(frame.image, features, frame.depth)
                 for line in association_lines(frame, result, skill.members):
                     lines.write(json.dumps(line) + "\n")
                 video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
@@ -156,7 +156,7 @@ def extracted_ahead(
     """
 
     def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet]]:
-        return frame, skill.extract(frame.image)
+        return frame, skill.extract(frame.image, frame.depth)
 
     return prefetch_map(extract, frames, threads=threads, max_prefetch=1 if live else None)
 

@@ -75,7 +75,7 @@ def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording
     frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)
     pictures = {frame: demonstration.picture(frame) for frame in frames}
     found = {
-        name: {frame: pipeline.extract(picture) for frame, picture in pictures.items()}
+        name: {frame: pipeline.in_picture().extract(picture) for frame, picture in pictures.items()}
         for name, pipeline in skill.pipelines.items()
     }
     return {

@@ -46,7 +46,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     from geoskill.cli.progress import show_progress
     from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
-    from geoskill.io.arrays import ArrayFrames
+    from geoskill.io.arrays import FramesInMemory
     from geoskill.io.kept_frames import KeptFrames
     from geoskill.skill.checkpoint import CHECKPOINT, SimulatedScene
     from geoskill.training.learn import TrainingInterruptedError, learn
@@ -60,8 +60,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         first.extend([] if first else [sequence])  # it is shown and scored; of the others no picture is kept
         if isinstance(sequence.frames, KeptFrames):
             return sequence.frames
-        pictures = [frame.image for frame in sequence.frames]
-        return ArrayFrames(pictures, sequence.source.frame_rate, sequence.source.name)
+        return FramesInMemory(sequence.frames, sequence.source.frame_rate, sequence.source.name)
 
     loggers = _loggers(config, run)
     try:

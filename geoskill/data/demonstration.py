@@ -22,14 +22,17 @@ from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.preference import FeaturePreference
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, feature_graph, motif_graph, take_features, with_instances
+from geoskill.io.frames import EXPECTED_DEPTH
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.model.kernel_model import KernelModel
 from geoskill.tracking.known_ends import known_ends, preference_of, trajectory_of, with_known_displacements
 from geoskill.tracking.motion import Displacement, Trajectory
 from geoskill.tracking.neighbor_flows import neighbor_flows
 from geoskill.tracking.places import Places, find_places
+from geoskill.tracking.space import end_frames, flow_frames, lift_motions
 from geoskill.tracking.tracks import chain_displacements
 from geoskill.tracking.trajectories import trajectories
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
@@ -86,6 +89,7 @@ class Demonstration(Transitions):
         threads: number of frames that are worked on at once; the result does not depend on it.
         trajectory: anchors and thresholds of the trajectories; None for the defaults.
         negatives: pictures that the synthetic features come from; None for the defaults.
+        depths: of the frames, which members in space need; None without depth.
 
     Attributes:
         places: of the carried thing, where they were looked for and found.
@@ -110,7 +114,9 @@ class Demonstration(Transitions):
         threads: int = 1,
         trajectory: TrajectoryConfig | None = None,
         negatives: NegativesConfig | None = None,
+        depths: Sequence[DepthPicture] | None = None,
     ) -> None:
+        _require_depth(members, depths, name)
         self.frame_count = len(frames)
         self._spans = time_spans(len(frames), gap, max_span_ratio)
         self.members = dict(members)
@@ -118,16 +124,21 @@ class Demonstration(Transitions):
         self._transitions = [(t, i) for i, span in enumerate(self._spans) for t in numbers[:-span]]
 
         self.places = find_places(frames) if use_places else None
-        self.preferences = {} if self.places is None else _preferences(frames, pipelines, self.places)
+        self.preferences = {} if self.places is None else _preferences(frames, depths, pipelines, self.places)
         preferring = {
             extractor: own.preferring(self.preferences.get(extractor)) for extractor, own in pipelines.items()
         }
 
-        def extract(frame: np.ndarray) -> dict[str, FeatureSet]:
-            return {extractor: pipeline.extract(frame) for extractor, pipeline in preferring.items()}
+        def extract(frame: tuple[np.ndarray, DepthPicture | None]) -> dict[str, FeatureSet]:
+            return {extractor: pipeline.extract(*frame) for extractor, pipeline in preferring.items()}
 
         extracted = parallel_map(
-            extract, frames, numbers, threads=threads, progress=progress, description="extracting features"
+            extract,
+            zip(frames, [None] * len(frames) if depths is None else depths, strict=True),
+            numbers,
+            threads=threads,
+            progress=progress,
+            description="extracting features",
         )
         self._features = {extractor: [features[extractor] for features in extracted] for extractor in pipelines}
         self._require_instances(name)
@@ -140,7 +151,7 @@ class Demonstration(Transitions):
         self._num_negatives = num_negatives
         negative_pipelines = pipelines if num_negatives > 0 else {}
         self._negatives = {
-            extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives)
+            extractor: synthesize_negatives(frames, pipeline, progress, threads, negatives, depths)
             for extractor, pipeline in negative_pipelines.items()
         }
         self._trajectories: dict[str, Sequence[Trajectory]] = {}
@@ -154,6 +165,19 @@ class Demonstration(Transitions):
                     self._motions[extractor], features, self.places, ends
                 )
                 self._trajectories[extractor] = [trajectory_of(known, trajectory.anchors) for known in ends]
+        if depths is not None:
+            self._lift(depths, gap, trajectory.anchors)
+
+    def _lift(self, depths: Sequence[DepthPicture], gap: int, anchors: int) -> None:
+        """Lift what is known of the motion of features that are in space."""
+        frames = flow_frames(self.frame_count, gap, anchors)
+        if self.places is not None:
+            frames = end_frames(self.frame_count, anchors)
+        for extractor, features in self._features.items():
+            if features[0].space is not None:
+                self._motions[extractor], self._trajectories[extractor] = lift_motions(
+                    features, self._motions[extractor], self._trajectories[extractor], *frames, depths
+                )
 
     def _require_instances(self, name: str) -> None:
         for member_name, member in self.members.items():
@@ -164,8 +188,8 @@ class Demonstration(Transitions):
                 )
 
     def _has_instance(self, member: KernelModel, t: int) -> bool:
-        counts = {node_type: len(self._features[extractor][t]) for node_type, extractor in member.extractors.items()}
-        return member.kernel.instances(counts).shape[1] > 0
+        features = {node_type: self._features[extractor][t] for node_type, extractor in member.extractors.items()}
+        return bool(motif_graph(member.kernel, features).instance_index.shape[1] > 0)
 
     def __len__(self) -> int:
         return len(self._transitions)
@@ -231,15 +255,26 @@ class Demonstration(Transitions):
         return pool.take(random.permutation(len(pool))[: self._num_negatives])
 
 
+def _require_depth(members: Mapping[str, KernelModel], depths: Sequence[DepthPicture] | None, name: str) -> None:
+    wanting = [member.kernel.name for member in members.values() if member.kernel.in_space]
+    if wanting and depths is None:
+        raise InputError(f"kernel={wanting[0]} needs depth, and {name} has none; {EXPECTED_DEPTH}")
+
+
 def _preferences(
-    frames: Sequence[np.ndarray], pipelines: Mapping[str, FeaturePipeline], places: Places
+    frames: Sequence[np.ndarray],
+    depths: Sequence[DepthPicture] | None,
+    pipelines: Mapping[str, FeaturePipeline],
+    places: Places,
 ) -> dict[str, FeaturePreference]:
     """Return which features of a demonstration to keep, by the extractor's name."""
     resting = [frame for frame in range(len(frames)) if not places.carried(frame)]
     looked_at = resting[:: max(1, len(resting) // MAX_PREFERENCE_FRAMES)]
     preferences = {}
     for extractor, pipeline in pipelines.items():
-        candidates = {frame: pipeline.candidates(frames[frame]) for frame in looked_at}
+        candidates = {
+            frame: pipeline.candidates(frames[frame], None if depths is None else depths[frame]) for frame in looked_at
+        }
         preference = preference_of(candidates, len(frames), places)
         if preference is not None:
             preferences[extractor] = preference

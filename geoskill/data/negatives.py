@@ -7,6 +7,7 @@ any bright rectangle looks like its mirror image. They make the scorer prefer fe
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,17 +15,19 @@ from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from geoskill.data.dead_leaves import dead_leaves
-from geoskill.features.feature_set import FeatureSet
+from geoskill.features.feature_set import FeatureSet, joined_features
 from geoskill.features.pipeline import FeaturePipeline
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.io.prefetch import Progress, parallel_map
 from geoskill.tracking.motion import Displacement, Part, Trajectory
 from geoskill.tuning import NegativesConfig
 
 Picture = UInt8[np.ndarray, "height width 3"]
-TRANSFORMS: tuple[Callable[[Picture], Picture], ...] = (
-    lambda picture: picture[:, ::-1],
-    lambda picture: 255 - picture,
-    lambda picture: 255 - picture[:, ::-1],
+Negative = tuple[Picture, DepthPicture | None]
+TRANSFORMS: tuple[Callable[[Picture, DepthPicture | None], Negative], ...] = (
+    lambda picture, depth: (picture[:, ::-1], depth and depth.mirrored()),
+    lambda picture, depth: (255 - picture, depth),
+    lambda picture, depth: (255 - picture[:, ::-1], depth and depth.mirrored()),
 )
 
 
@@ -34,8 +37,11 @@ def synthesize_negatives(
     progress: Progress,
     threads: int = 1,
     config: NegativesConfig | None = None,
+    depths: Sequence[DepthPicture] | None = None,
 ) -> FeatureSet:
     """Extract the negatives of one extractor, the same whenever the frames are the same.
+
+    Dead leaves have the depth of the frame in whose place they are.
 
     Args:
         frames: of the demonstration.
@@ -43,6 +49,7 @@ def synthesize_negatives(
         progress: shows progress over the source frames.
         threads: number of source frames that are worked on at once.
         config: numbers of pictures; None for the defaults.
+        depths: of the frames, if they have any.
     """
     config = NegativesConfig() if config is None else config
     leaves_per_frame = config.leaves_per_frame
@@ -50,21 +57,20 @@ def synthesize_negatives(
     height, width = frames[0].shape[:2]
     chosen = np.unique(np.linspace(0, len(frames) - 1, config.source_frames).round().astype(int)).tolist()
 
-    def pictures() -> Iterator[list[Picture]]:  # consumed in order, so that threads do not change the random draws
+    def pictures() -> Iterator[list[Negative]]:  # consumed in order, so that threads do not change the random draws
         for t in chosen:
-            transformed = [np.ascontiguousarray(transform(frames[t])) for transform in TRANSFORMS]
-            yield transformed + [dead_leaves(height, width, random) for _ in range(leaves_per_frame)]
+            depth = None if depths is None else depths[t]
+            transformed = [transform(frames[t], depth) for transform in TRANSFORMS]
+            yield transformed + [(dead_leaves(height, width, random), depth) for _ in range(leaves_per_frame)]
 
-    def extract(pictures: list[Picture]) -> list[FeatureSet]:
-        return [pipeline.extract(picture) for picture in pictures]
+    def extract(pictures: list[Negative]) -> list[FeatureSet]:
+        return [pipeline.extract(np.ascontiguousarray(picture), depth) for picture, depth in pictures]
 
     by_frame = parallel_map(
         extract, pictures(), chosen, threads=threads, progress=progress, description="finding negatives"
     )
     feature_sets = [features for frame_features in by_frame for features in frame_features]
-    descriptors = np.concatenate([features.descriptors for features in feature_sets])
-    geometry = np.concatenate([features.geometry for features in feature_sets])
-    return FeatureSet(feature_sets[0].node_type, descriptors, geometry, np.zeros(len(geometry), np.float32))
+    return joined_features([replace(own, scores=np.zeros(len(own), np.float32)) for own in feature_sets])
 
 
 def append_negatives(
@@ -73,25 +79,31 @@ def append_negatives(
     """Return a frame's features with negatives after them, which are neither tracked nor known at any other time."""
     count = len(negatives)
     weakest = features.scores[-1] if len(features) else 0.0
-    joined = FeatureSet(
-        features.node_type,
-        np.concatenate([features.descriptors, negatives.descriptors]),
-        np.concatenate([features.geometry, negatives.geometry]),
-        np.concatenate([features.scores, np.full(count, weakest, np.float32)]),
-    )
+    joined = joined_features([features, replace(negatives, scores=np.full(count, weakest, np.float32))])
     geometry = torch.from_numpy(negatives.geometry)
+    space = None if negatives.space is None else torch.from_numpy(negatives.space)
     anchors = trajectory.anchor_xy.shape[1]
     return (
         joined,
-        Displacement(torch.cat([displacement.next_geometry, geometry]), _append_false(displacement.tracked, count)),
+        Displacement(
+            torch.cat([displacement.next_geometry, geometry]),
+            _append_false(displacement.tracked, count),
+            _append(displacement.next_space, space),
+        ),
         Trajectory(
             torch.cat([trajectory.anchor_xy, geometry[:, None].expand(-1, anchors, -1)]),
             torch.cat([trajectory.first_known_anchor, trajectory.first_known_anchor.new_full((count,), anchors)]),
             torch.cat([trajectory.final_xy, geometry]),
             _append_false(trajectory.final_known, count),
             torch.cat([trajectory.part, torch.full((count,), Part.UNKNOWN)]),
+            _append(trajectory.anchor_space, None if space is None else space[:, None].expand(-1, anchors, -1)),
+            _append(trajectory.final_space, space),
         ),
     )
+
+
+def _append(rows: Tensor | None, others: Tensor | None) -> Tensor | None:
+    return None if rows is None or others is None else torch.cat([rows, others])
 
 
 def _append_false(values: Bool[Tensor, " n"], count: int) -> Bool[Tensor, " m"]:

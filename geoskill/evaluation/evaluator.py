@@ -3,9 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-import numpy as np
-from jaxtyping import UInt8
-
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.metrics import FrameResult, evaluate_frame, summarize, summarize_ensemble, top_association
@@ -14,7 +11,8 @@ from geoskill.io.frames import Frame
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 
-Infer = Callable[[UInt8[np.ndarray, "height width 3"]], InferenceResult]
+Infer = Callable[..., InferenceResult]
+"""From an RGB frame, and where it has depth, None and its depth, to what is selected in it."""
 Progress = Callable[[Iterable[Frame]], Iterable[Frame]]
 
 
@@ -75,7 +73,7 @@ def evaluate_frames(
             counter.advance(frame.image)
         evaluated = frame.index % every == 0
         if evaluated or continuous:
-            result = infer(frame.image)
+            result = infer(frame.image) if frame.depth is None else infer(frame.image, None, frame.depth)
         if not evaluated:
             continue
         for name, member in members.items():

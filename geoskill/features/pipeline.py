@@ -3,6 +3,7 @@
 import copy
 import hashlib
 import math
+from dataclasses import replace
 from typing import final
 
 import cv2
@@ -14,7 +15,9 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.color import COLOR_DIM, colors_around
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
+from geoskill.features.lifting import lift
 from geoskill.features.preference import MAX_CANDIDATES, FeaturePreference
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.sampling import resized
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
@@ -39,6 +42,8 @@ class FeaturePipeline:
         color: approximate ratio of the norm of a vivid feature's colors (:mod:`geoskill.features.color`) to the norm of
             its descriptor; 0 for no colors. Extractors without orientation have none.
         cache: keeps extracted features between runs; None for no cache.
+        in_space: whether features are lifted into space (:mod:`geoskill.features.lifting`), for which every picture
+            needs its depth.
 
     Attributes:
         preference: what a share of the features is kept for, in place of the highest scores; None for no share.
@@ -56,6 +61,7 @@ class FeaturePipeline:
         max_side: int = 0,
         color: float = 0.0,
         cache: FeatureCache | None = None,
+        in_space: bool = False,
     ) -> None:
         if max_features < 2:
             raise InputError(f"max_features={max_features}: expected at least 2")
@@ -71,6 +77,7 @@ class FeaturePipeline:
         self.max_side = max_side
         self.color = color if extractor.has_orientation else 0.0
         self.cache = cache
+        self.in_space = in_space
         self.preference: FeaturePreference | None = None
 
     @property
@@ -88,7 +95,7 @@ class FeaturePipeline:
         """Return everything besides the frame that the features depend on, as text."""
         extractor_class = type(self.extractor)
         arguments = sorted(vars(self.extractor).items())
-        settings = f"{self.max_features} {self.min_side} {self.max_side} {self.color}"
+        settings = f"{self.max_features} {self.min_side} {self.max_side} {self.color}{' in space' * self.in_space}"
         if self.preference is not None:
             arrays = (*self.preference.groups, self.preference.others)
             settings += " " + hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
@@ -100,29 +107,56 @@ class FeaturePipeline:
         pipeline.preference = preference
         return pipeline
 
-    def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
-        """Return at most ``max_features`` features of an RGB frame, highest score first, in pixels of the frame."""
-        if self.cache is None:
-            return self._extract(frame)
-        identity = self.identity + code_identity(type(self.extractor))
-        return self.cache.get_or_compute(frame, identity, lambda: self._extract(frame))
+    def in_picture(self) -> "FeaturePipeline":
+        """Return this pipeline without lifting of features into space."""
+        pipeline = copy.copy(self)
+        pipeline.in_space = False
+        return pipeline
 
-    def candidates(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
-        """Return the features of an RGB frame from which :attr:`preference` chooses."""
+    def extract(self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None = None) -> FeatureSet:
+        """Return at most ``max_features`` features of an RGB frame, highest score first, in pixels of the frame.
+
+        Args:
+            frame: the picture.
+            depth: its depth; not used unless :attr:`in_space`.
+
+        Raises:
+            InputError: when it is needed and not given.
+        """
+        if not self.in_space:
+            depth = None
+        elif depth is None:
+            raise InputError(
+                f"the features of {self.extractor.name} are wanted in space; expected depth beside pictures"
+            )
+        if self.cache is None:
+            return self._extract(frame, depth)
+        identity = self.identity + code_identity(type(self.extractor))
+        return self.cache.get_or_compute(frame, identity, lambda: self._extract(frame, depth), depth)
+
+    def candidates(self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None = None) -> FeatureSet:
+        """Return the features of an RGB frame from which :attr:`preference` chooses; see :meth:`extract`."""
         pipeline = self.preferring(None)
         pipeline.max_features = self._max_candidates
-        return pipeline.extract(frame)
+        return pipeline.extract(frame, depth)
 
     @property
     def _max_candidates(self) -> int:
         return max(self.max_features, MAX_CANDIDATES)
 
-    def _extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> FeatureSet:
+    def _extract(self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None) -> FeatureSet:
         if self.preference is None:
-            return self._described(frame, self.max_features)
+            return self._lifted(self._described(frame, self.max_features), depth)
         # Cached as what is chosen of them, not as all there are.
         candidates = self._described(frame, self._max_candidates)
-        return candidates.take(self.preference.choose(candidates, self.max_features))
+        return self._lifted(candidates.take(self.preference.choose(candidates, self.max_features)), depth)
+
+    @staticmethod
+    def _lifted(features: FeatureSet, depth: DepthPicture | None) -> FeatureSet:
+        if depth is None:
+            return features
+        space, covariance = lift(features.node_type, features.geometry, depth)
+        return replace(features, space=space, space_covariance=covariance)
 
     def _described(self, frame: UInt8[np.ndarray, "height width 3"], limit: int) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)

@@ -82,7 +82,8 @@ def line_to_line_in_space(first: Float[Tensor, "m 6"], second: Float[Tensor, "m 
         cosine = (axis * along).sum(dim=1, keepdim=True)
         cosine = torch.where(degenerate, torch.ones_like(cosine), cosine)
         reach = (place - (axis * (middle - center)).sum(dim=1, keepdim=True)) / cosine
-        return middle + reach * along
+        place_on_line: Tensor = middle + reach * along
+        return place_on_line
 
     halves = [
         at(middle_first, u_first, place) - at(middle_second, u_second, place) for place in (half_length, -half_length)
@@ -113,7 +114,8 @@ def point_to_plane(x: Float[Tensor, "m 3"], plane: Float[Tensor, "m 4"]) -> Floa
     >>> point_to_plane(torch.tensor([[0.0, 0.0, 0.6]]), torch.tensor([[0.0, 0.0, -1.0, 0.7]])).round(decimals=3)
     tensor([[0.1000]])
     """
-    return (plane[:, :3] * x).sum(dim=1, keepdim=True) + plane[:, 3:]
+    distance: Tensor = (plane[:, :3] * x).sum(dim=1, keepdim=True) + plane[:, 3:]
+    return distance
 
 
 def coplanarity(points: Float[Tensor, "4 m 3"]) -> Float[Tensor, "m 1"]:

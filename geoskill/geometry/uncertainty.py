@@ -15,16 +15,17 @@ DETECTION_STD_PX: Final = 0.5
 def propagated_std(
     function: Callable[[Sequence[Float[Tensor, "m _"]]], Float[Tensor, "m d"]],
     primitives: Sequence[Float[Tensor, "m _"]],
-    std_px: float = DETECTION_STD_PX,
+    covariances: Sequence[Float[Tensor, "m _ _"]] | None = None,
 ) -> Float[Tensor, "m d"]:
-    """Return the standard deviation of a function's values when every coordinate has independent noise.
+    """Return the standard deviation of a function's values when every primitive has independent noise.
 
-    To first order: std_px times the norm of the gradient of each value with respect to all coordinates.
+    To first order: the root of gᵀ C g summed over the primitives, with g the gradient of a value with respect to the
+    coordinates of one of them.
 
     Args:
         function: takes the primitives of ``m`` instances; its values for one instance do not depend on another.
-        primitives: points or segments in pixels.
-        std_px: standard deviation of each coordinate, in pixels.
+        primitives: points or segments in pixels, or primitives in space.
+        covariances: of the coordinates of each primitive; None for :data:`DETECTION_STD_PX` in each, independently.
 
     The difference of two points:
 
@@ -39,5 +40,13 @@ def propagated_std(
         variances = []
         for row in range(values.shape[1]):
             gradients = torch.autograd.grad(values[:, row].sum(), variables, retain_graph=True, allow_unused=True)
-            variances.append(sum(own.square().sum(dim=1) for own in gradients if own is not None))
-    return std_px * torch.stack([torch.as_tensor(own) for own in variances], dim=1).sqrt()
+            variances.append(
+                sum(
+                    DETECTION_STD_PX**2 * own.square().sum(dim=1)
+                    if covariances is None
+                    else torch.einsum("mi,mij,mj->m", own, covariances[node], own)
+                    for node, own in enumerate(gradients)
+                    if own is not None
+                )
+            )
+    return torch.stack([torch.as_tensor(own) for own in variances], dim=1).clamp_min(0).sqrt()

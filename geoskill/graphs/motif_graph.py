@@ -18,7 +18,7 @@ from torch_geometric.data import Data
 
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.kernels.kernel import Kernel, node_types
+from geoskill.kernels.kernel import Kernel, instances_in_space, node_types
 from geoskill.tracking.motion import Displacement, Trajectory
 
 
@@ -30,8 +30,11 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
         T_count: ``[1]``, the number of features; in a batch, that of each frame.
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
-        T_next_geometry, T_tracked: the :class:`Displacement`, in training only.
-        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known, T_part: the :class:`Trajectory`, in training only.
+        T_space, T_space_covariance: ``[n_T, s]`` in meters and ``[n_T, s, s]``, NaN where the depth is not known, where
+            the features were lifted.
+        T_next_geometry, T_tracked: the :class:`Displacement`, in training only; with depth, T_next_space.
+        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known, T_part: the :class:`Trajectory`, in training only;
+            with depth, T_anchor_space and T_final_space.
 
     And for the instances, unless the graph has none yet (:func:`feature_graph`):
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
@@ -86,10 +89,15 @@ def feature_graph(
         graph[f"{node_type}_count"] = torch.tensor([len(feature_set)])
         graph[f"{node_type}_descriptor"] = torch.from_numpy(feature_set.descriptors)
         graph[f"{node_type}_geometry"] = torch.from_numpy(feature_set.geometry)
+        if feature_set.space is not None and feature_set.space_covariance is not None:
+            graph[f"{node_type}_space"] = torch.from_numpy(feature_set.space)
+            graph[f"{node_type}_space_covariance"] = torch.from_numpy(feature_set.space_covariance)
         for record in (displacement, trajectory):
             if record is not None:
                 for field in fields(record[node_type]):
-                    graph[f"{node_type}_{field.name}"] = getattr(record[node_type], field.name)
+                    value = getattr(record[node_type], field.name)
+                    if value is not None:
+                        graph[f"{node_type}_{field.name}"] = value
     graph.num_nodes = sum(len(features[node_type]) for node_type in types)
     graph.roles = tuple(str(role) for role in kernel.roles)
     return graph
@@ -98,7 +106,7 @@ def feature_graph(
 def with_instances(kernel: Kernel, graph: MotifGraph) -> MotifGraph:
     """Return a copy of a graph, or of a batch of graphs, with every instance of its features.
 
-    A frame may be left without any instance.
+    A frame may be left without any instance. For a kernel in space, a feature without depth has none.
     """
     types = node_types(kernel)
     counts = [graph[f"{node_type}_count"].tolist() for node_type in types]
@@ -106,7 +114,11 @@ def with_instances(kernel: Kernel, graph: MotifGraph) -> MotifGraph:
     device = graph[f"{types[0]}_geometry"].device
     index_by_frame = []
     for frame, frame_counts in enumerate(zip(*counts, strict=True)):
-        index = kernel.instances(dict(zip(types, frame_counts, strict=True)))
+        if kernel.in_space:
+            places = {kind: graph[f"{kind}_space"][starts[kind][frame] : starts[kind][frame + 1]] for kind in types}
+            index = instances_in_space(kernel, {kind: rows.cpu() for kind, rows in places.items()})
+        else:
+            index = kernel.instances(dict(zip(types, frame_counts, strict=True)))
         index_by_frame.append(index + torch.tensor([[starts[role][frame]] for role in kernel.roles]))
     complete = copy.copy(graph)
     complete.instance_index = torch.cat(index_by_frame, dim=1).to(device)
@@ -142,7 +154,7 @@ def take_features(graph: MotifGraph, chosen: Mapping[NodeType, Bool[Tensor, " n"
 
 
 def gather_nodes(
-    kernel: Kernel, nodes: Mapping[NodeType, Float[Tensor, "n _"]], instance_index: Int64[Tensor, "k m"]
-) -> list[Float[Tensor, "m _"]]:
+    kernel: Kernel, nodes: Mapping[NodeType, Float[Tensor, "n ..."]], instance_index: Int64[Tensor, "k m"]
+) -> list[Float[Tensor, "m ..."]]:
     """Return, for each role of the kernel, one row of ``nodes`` per instance: that of its feature in the role."""
     return [nodes[role][row] for role, row in zip(kernel.roles, instance_index, strict=True)]

@@ -59,3 +59,32 @@ class ArrayFrames(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         for index, picture in enumerate(self._pictures):
             yield Frame(index, index / self._frame_rate, picture)
+
+
+@final
+class FramesInMemory(FrameSource):
+    """Frames that have been read, with their depth if they have any.
+
+    Args:
+        frames: in order of time.
+        frame_rate: frames per second.
+        name: what they are called in messages.
+    """
+
+    def __init__(self, frames: Sequence[Frame], frame_rate: float, name: str) -> None:
+        self._frames = frames
+        self._frame_rate = validate_frame_rate(frame_rate)
+        self._name = name
+
+    @property
+    def name(self) -> str:
+        """See :attr:`FrameSource.name`."""
+        return self._name
+
+    @property
+    def frame_rate(self) -> float:
+        """See :attr:`FrameSource.frame_rate`."""
+        return self._frame_rate
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self._frames)

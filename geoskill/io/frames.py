@@ -18,8 +18,13 @@ from jaxtyping import Float, UInt8
 from geoskill.config import MAX_FRAME_RATE, MIN_FRAME_RATE
 from geoskill.errors import InputError
 from geoskill.geometry.depth_camera import DepthCamera
+from geoskill.geometry.depth_picture import DepthPicture
 
 DEFAULT_FRAME_RATE = 30.0
+EXPECTED_DEPTH = (
+    "expected a folder with depth/ and camera.yaml beside its pictures, or a simulated task with task.depth=d435"
+)
+"""What to do where depth is needed, for messages."""
 
 
 @final
@@ -64,6 +69,13 @@ class Frame:
                 f"depth_m of frame {self.index} is {nearest if nearest <= 0 else farthest:g} somewhere; expected meters"
                 " above 0, and NaN where there is none"
             )
+
+    @property
+    def depth(self) -> DepthPicture | None:
+        """Depth with its camera; None without."""
+        if self.depth_m is None or self.depth_camera is None:
+            return None
+        return DepthPicture(self.depth_m, self.depth_camera)
 
     @property
     def nbytes(self) -> int:

@@ -1,11 +1,13 @@
 """Frames that are needed more than once: kept in memory where they fit, read again where they do not."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import final, overload
+from typing import TypeVar, final, overload
 
 import numpy as np
 
 from geoskill.errors import InputError
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.io.frames import Frame, FrameSource
 
 # Ten seconds of VGA take 280 MB, one second of 4K takes 750 MB.
@@ -84,9 +86,11 @@ class KeptFrames(FrameSource, Sequence[Frame]):
         return self._read
 
 
-@final
-class Pictures(Sequence[np.ndarray]):
-    """The RGB pictures ``[H, W, 3]`` of frames, as these are asked for.
+Part = TypeVar("Part")
+
+
+class _Parts(Sequence[Part], ABC):
+    """One part of each frame of a recording, as it is asked for.
 
     Args:
         frames: of one recording.
@@ -95,19 +99,44 @@ class Pictures(Sequence[np.ndarray]):
     def __init__(self, frames: Sequence[Frame]) -> None:
         self._frames = frames
 
+    @staticmethod
+    @abstractmethod
+    def _of(frame: Frame) -> Part:
+        """Return the part of a frame."""
+
     def __len__(self) -> int:
         return len(self._frames)
 
-    def __iter__(self) -> Iterator[np.ndarray]:
-        return (frame.image for frame in self._frames)
+    def __iter__(self) -> Iterator[Part]:
+        return map(self._of, self._frames)
 
     @overload
-    def __getitem__(self, index: int) -> np.ndarray: ...
+    def __getitem__(self, index: int) -> Part: ...
 
     @overload
-    def __getitem__(self, index: slice) -> list[np.ndarray]: ...
+    def __getitem__(self, index: slice) -> list[Part]: ...
 
-    def __getitem__(self, index: int | slice) -> np.ndarray | list[np.ndarray]:
+    def __getitem__(self, index: int | slice) -> Part | list[Part]:
         if isinstance(index, slice):
-            return [frame.image for frame in self._frames[index]]
-        return self._frames[index].image
+            return [self._of(frame) for frame in self._frames[index]]
+        return self._of(self._frames[index])
+
+
+@final
+class Pictures(_Parts[np.ndarray]):
+    """The RGB pictures ``[H, W, 3]`` of frames."""
+
+    @staticmethod
+    def _of(frame: Frame) -> np.ndarray:
+        return frame.image
+
+
+@final
+class Depths(_Parts[DepthPicture]):
+    """The depth of frames, all of which have it."""
+
+    @staticmethod
+    def _of(frame: Frame) -> DepthPicture:
+        if frame.depth is None:
+            raise InputError(f"frame {frame.index} has no depth; expected depth in every frame, as in the first")
+        return frame.depth

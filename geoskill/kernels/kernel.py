@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from itertools import permutations
 from typing import ClassVar
 
-from jaxtyping import Float, Int64
+import torch
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.geometry.primitives import NodeType
@@ -22,7 +23,10 @@ class Kernel(ABC):
         meaning: what the association says, for the readable definition of a skill.
         roles: the type of each of its ``k`` nodes.
         edges: undirected edges between nodes, every edge once.
-        error_dim: length ``d`` of the control error, the degrees of freedom that the association constrains.
+        error_dim: length ``d`` of the control error.
+        rank: the degrees of freedom that the association constrains, where these are fewer than the rows of its error.
+        in_space: whether the control error is that of features in space, for which pictures need depth, in place of
+            their geometry in the picture.
         error_rows: names of the rows of the error; empty for numbers.
         unit: unit of the error as printed; empty for an error without unit.
         resolution: smallest change of the error's norm that detection can resolve, in the error's unit; an instance
@@ -35,6 +39,8 @@ class Kernel(ABC):
     edges: ClassVar[tuple[tuple[int, int], ...]]
     error_dim: ClassVar[int]
     error_rows: ClassVar[tuple[str, ...]] = ()
+    rank: ClassVar[int | None] = None
+    in_space: ClassVar[bool] = False
     unit: ClassVar[str] = "px"
     resolution: ClassVar[float]
 
@@ -46,14 +52,42 @@ class Kernel(ABC):
         motif are listed once.
         """
 
+    def proposals(self, places: Mapping[NodeType, Float[Tensor, "n s"]]) -> Int64[Tensor, "k m"]:
+        """List the associations that are worth a score among features at these places in space: mostly all.
+
+        A kernel with too many of them chooses; :meth:`instances` is not asked then. All places are finite.
+        """
+        return self.instances({node_type: len(rows) for node_type, rows in places.items()})
+
     @abstractmethod
     def control_error(self, nodes: Sequence[Float[Tensor, "m _"]]) -> Float[Tensor, "m d"]:
-        """Return the control error of ``m`` instances, given the geometry of their nodes in pixels by role."""
+        """Return the control error of ``m`` instances, given their nodes by role.
+
+        In pixels of the picture, or in meters of the camera's frame for a kernel :attr:`in_space`
+        (:mod:`geoskill.geometry.primitives`).
+        """
 
 
 def node_types(kernel: type[Kernel] | Kernel) -> tuple[NodeType, ...]:
     """Return the distinct types of a kernel's nodes, in the order in which they first appear."""
     return tuple(dict.fromkeys(kernel.roles))
+
+
+def node_dim(kernel: type[Kernel] | Kernel, node_type: NodeType) -> int:
+    """Return the number of coordinates of a node that a kernel's control error is given."""
+    return node_type.space_dim if kernel.in_space else node_type.geometry_dim
+
+
+def constrained_freedom(kernel: type[Kernel] | Kernel) -> int:
+    """Return the degrees of freedom that an association of a kernel constrains."""
+    return kernel.error_dim if kernel.rank is None else kernel.rank
+
+
+def instances_in_space(kernel: Kernel, places: Mapping[NodeType, Float[Tensor, "n s"]]) -> Int64[Tensor, "k m"]:
+    """Return the proposals of a kernel among features in space, those whose depth is not known (NaN) left out."""
+    known = {node_type: rows.isfinite().all(dim=1).nonzero().squeeze(1) for node_type, rows in places.items()}
+    index = kernel.proposals({node_type: places[node_type][rows] for node_type, rows in known.items()})
+    return torch.stack([known[role][row] for role, row in zip(kernel.roles, index, strict=True)])
 
 
 def error_row_names(kernel: type[Kernel] | Kernel) -> tuple[str, ...]:
@@ -91,6 +125,13 @@ def directed_nodes(
         line if node == reference else directed(rows, along) if kernel.roles[node] is NodeType.LINE else rows
         for node, rows in enumerate(nodes)
     ]
+
+
+def turned_lines(
+    before: Sequence[Float[Tensor, "m _"]], after: Sequence[Float[Tensor, "m _"]]
+) -> list[Bool[Tensor, " m"]]:
+    """Return, for each node, which of its segments :func:`directed_nodes` turned round."""
+    return [(own != other).any(dim=1) for own, other in zip(before, after, strict=True)]
 
 
 def directed_edges(kernel: type[Kernel] | Kernel) -> tuple[tuple[int, int], ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import astuple
-from typing import final
+from typing import Final, final
 
 import torch
 from jaxtyping import Float, Int64
@@ -14,6 +14,14 @@ from geoskill.kernels.kernel import Kernel, automorphisms, node_types
 from geoskill.model.evidence import Evidence
 from geoskill.model.goal_reference import GoalReference
 from geoskill.model.scorer import InstanceScorer
+
+IN_SPACE: Final = {
+    "geometry": "space",
+    "next_geometry": "next_space",
+    "anchor_xy": "anchor_space",
+    "final_xy": "final_space",
+}
+"""Attributes of a graph's features in the picture, and the same in space."""
 
 
 @final
@@ -147,7 +155,19 @@ class KernelModel(nn.Module):
         """Return a per-feature attribute, such as ``descriptor`` or ``next_geometry``, by node type."""
         return {node_type: graph[f"{node_type}_{name}"] for node_type in self.node_types}
 
-    def control_errors(self, graph: MotifGraph, geometry: str = "geometry") -> Float[Tensor, "m d"]:
-        """Return the control error of every instance, with its nodes at ``geometry`` or ``next_geometry``."""
-        nodes = gather_nodes(self.kernel, self.attribute(graph, geometry), graph.instance_index)
+    def places(self, graph: MotifGraph, name: str = "geometry") -> dict[NodeType, Tensor]:
+        """Return what the kernel's control error is given of each feature, by node type.
+
+        Args:
+            graph: one frame or a batch of frames.
+            name: ``geometry``, ``next_geometry``, ``anchor_xy`` or ``final_xy``; for a kernel in space, that in space.
+        """
+        return self.attribute(graph, IN_SPACE[name] if self.kernel.in_space else name)
+
+    def control_errors(self, graph: MotifGraph, name: str = "geometry") -> Float[Tensor, "m d"]:
+        """Return the control error of every instance, with its nodes at these places (:meth:`places`).
+
+        In space it is NaN where depth is missing, which is never so for ``geometry``.
+        """
+        nodes = gather_nodes(self.kernel, self.places(graph, name), graph.instance_index)
         return self.kernel.control_error(nodes)

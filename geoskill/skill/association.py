@@ -28,11 +28,14 @@ class Node:
     """One feature of an association.
 
     Attributes:
-        node_type: point or line.
-        coordinates: x, y of a point or x1, y1, x2, y2 of a line, in pixels. The end points of a line are in the order
-            by which the sign of the error is decided (:func:`geoskill.kernels.kernel.directed_nodes`).
+        node_type: type of the feature.
+        coordinates: x, y of a point, x1, y1, x2, y2 of a line, and likewise of others, in pixels. The end points of a
+            line are in the order by which the sign of the error is decided
+            (:func:`geoskill.kernels.kernel.directed_nodes`).
         feature: row in the feature set that the node was detected in, or None where it was not detected.
         role: whether it moves or rests in the task, as learned from the demonstration; None where that is not known.
+        space: where it is in space, in meters (:mod:`geoskill.geometry.primitives`); None where that is not asked for.
+        space_covariance: of ``space``, row by row.
 
     Raises:
         ValueError: when the number of coordinates does not fit the node type.
@@ -42,6 +45,8 @@ class Node:
     coordinates: tuple[float, ...]
     feature: int | None = None
     role: NodeRole | None = None
+    space: tuple[float, ...] | None = None
+    space_covariance: tuple[tuple[float, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         expected = self.node_type.geometry_dim
@@ -57,11 +62,17 @@ class Node:
     def as_json(self) -> dict[str, Any]:
         """Return the node as written to ``associations.jsonl``."""
         xy = [round(coordinate, 3) for coordinate in self.coordinates]
-        role = {} if self.role is None else {"role": str(self.role)}
-        if self.node_type is NodeType.LINE:
-            x1, y1, x2, y2 = xy
-            return {"type": str(self.node_type), "xy": [[x1, y1], [x2, y2]], **role}
-        return {"type": str(self.node_type), "xy": xy, **role}
+        more: dict[str, Any] = {} if self.role is None else {"role": str(self.role)}
+        if self.space is not None:
+            key = "plane" if self.node_type is NodeType.PLANE else "xyz_m"
+            more[key] = _in_points([round(value, 5) for value in self.space], 4 if key == "plane" else 3)
+        return {"type": str(self.node_type), "xy": _in_points(xy, 2), **more}
+
+
+def _in_points(values: Sequence[float], width: int) -> list[Any]:
+    """Return numbers as points of a width; those of a single one as they are."""
+    points = [list(values[start : start + width]) for start in range(0, len(values), width)]
+    return points[0] if len(points) == 1 else points
 
 
 Track = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]]
@@ -71,8 +82,8 @@ Track = Callable[[NodeType, Float32[np.ndarray, "n g"]], tuple[Float32[np.ndarra
 def track_nodes(nodes: Sequence[Node], track: Track) -> tuple[Node, ...] | None:
     """Return the nodes at their positions in another frame, or None when one of them could not be tracked.
 
-    The returned nodes have no ``feature``, since they were not detected there. The position of a line along itself is
-    uncertain (:func:`geoskill.tracking.flow.track_dense`).
+    The returned nodes have no ``feature`` and no ``space``, since they were not detected there. The position of a line
+    along itself is uncertain (:func:`geoskill.tracking.flow.track_dense`).
     """
     tracked_nodes = list(nodes)
     for node_type in dict.fromkeys(node.node_type for node in nodes):
@@ -123,7 +134,7 @@ class Association:
         goal: what is left until it is as it was at the end of the demonstration; None where that cannot be told
             (:mod:`geoskill.skill.goal`).
         error_std: standard deviation of each component, from noise of detection
-            (:data:`geoskill.geometry.uncertainty.DETECTION_STD_PX`).
+            (:data:`geoskill.geometry.uncertainty.DETECTION_STD_PX`) and of depth.
         unit: unit of the error, as printed.
     """
 
@@ -153,15 +164,15 @@ class Association:
             "confidence": round(self.confidence, 6),
             "weight": round(self.weight, 6),
             "nodes": [node.as_json() for node in self.nodes],
-            "error": _rounded(self.error),
-            "error_std": _rounded(self.error_std),
-            "goal_error": None if self.goal is None else _rounded(self.goal.error),
-            "goal_error_std": None if self.goal is None else _rounded(self.goal.std),
+            "error": self._rounded(self.error),
+            "error_std": self._rounded(self.error_std),
+            "unit": self.unit,
+            "goal_error": None if self.goal is None else self._rounded(self.goal.error),
+            "goal_error_std": None if self.goal is None else self._rounded(self.goal.std),
         }
 
-
-def _rounded(values: Sequence[float]) -> list[float]:
-    return [round(value, 4) for value in values]
+    def _rounded(self, values: Sequence[float]) -> list[float]:
+        return [round(value, 6 if self.unit == "m" else 4) for value in values]
 
 
 @final

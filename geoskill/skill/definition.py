@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float32
 
-from geoskill.kernels.kernel import automorphisms
+from geoskill.kernels.kernel import automorphisms, constrained_freedom
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult
 from geoskill.skill.member_status import MemberStatus
@@ -106,7 +106,7 @@ class TaskDefinition:
             "unit": member.kernel.unit,
             "learned": None if member.evidence is None else member.evidence.as_plain(),
             "goal_tolerance": round(float(member.goal.tolerance), 3) if member.goal.is_fitted else None,
-            "constrains": member.kernel.error_dim if num_associated else 0,
+            "constrains": constrained_freedom(member.kernel) if num_associated else 0,
             "frames": history.frames,
             "frames_with_association": num_associated,
             "mean_confidence": round(float(np.mean(history.confidences)), 4) if num_associated else None,

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.primitives import NodeType
 from geoskill.geometry.uncertainty import propagated_std
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
-from geoskill.kernels.kernel import automorphisms, directed_nodes
+from geoskill.kernels.kernel import automorphisms, directed_nodes, turned_lines
 from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, NodeRole
@@ -110,30 +111,22 @@ class ScoredInstances:
         member, kernel = self.member, self.member.kernel
         chosen = self._chosen(instances)
         axis = member.reference_axis if axis is None else axis
-        nodes = directed_nodes(
-            kernel, gather_nodes(kernel, member.attribute(self.graph, "geometry"), index), axis.to(index.device)[None]
-        )
-        errors: Float[Tensor, "p d"] = kernel.control_error(nodes)
+        detected = gather_nodes(kernel, member.attribute(self.graph, "geometry"), index)
+        nodes = directed_nodes(kernel, detected, axis.to(index.device)[None])
+        places, covariances = nodes, None
+        if kernel.in_space:
+            places, covariances = self._in_space(index, turned_lines(detected, nodes))
+        errors: Float[Tensor, "p d"] = kernel.control_error(places)
         reliance = 1.0 if member.evidence is None else member.evidence.reliance
         confidence = reliance * confidences(self.scores, member.reference_margin)
-        node_lists = [
-            tuple(
-                Node(node_type, tuple(xy), feature, role)
-                for node_type, role, xy, feature in zip(
-                    kernel.roles, node_roles(member), coordinates, features, strict=True
-                )
-            )
-            for coordinates, features in zip(
-                zip(*(geometry.tolist() for geometry in nodes), strict=True), index.T.tolist(), strict=True
-            )
-        ]
+        node_lists = _node_lists(member, nodes, index, None if covariances is None else (places, covariances))
         rows = zip(
             # Whole tensors become lists, since reading a tensor number by number is slow.
             confidence[chosen].tolist(),
             self.select_out[chosen].tolist(),
             node_lists,
             errors.tolist(),
-            propagated_std(kernel.control_error, nodes).tolist(),
+            propagated_std(kernel.control_error, places, covariances).tolist(),
             self.goals.goals(index.T.tolist(), node_lists, axis),
             strict=True,
         )
@@ -153,6 +146,48 @@ class ScoredInstances:
             )
             for rank, (own_confidence, weight, own_nodes, error, std, goal) in enumerate(rows, start=1)
         ]
+
+    def _in_space(
+        self, index: Int64[Tensor, "k p"], turned: Sequence[Bool[Tensor, " p"]]
+    ) -> tuple[list[Float[Tensor, "p _"]], list[Float[Tensor, "p _ _"]]]:
+        """Return the nodes of instances in space, the ends of some lines exchanged, and their covariances."""
+        kernel = self.member.kernel
+        places = gather_nodes(kernel, self.member.attribute(self.graph, "space"), index)
+        covariances = gather_nodes(kernel, self.member.attribute(self.graph, "space_covariance"), index)
+        for node, role in enumerate(kernel.roles):
+            if role is NodeType.LINE:
+                mask = turned[node][:, None]
+                places[node] = torch.where(mask, places[node].roll(3, dims=1), places[node])
+                exchanged = covariances[node].roll((3, 3), dims=(1, 2))
+                covariances[node] = torch.where(mask[..., None], exchanged, covariances[node])
+        return places, covariances
+
+
+def _node_lists(
+    member: KernelModel,
+    nodes: Sequence[Float[Tensor, "p _"]],
+    index: Int64[Tensor, "k p"],
+    in_space: tuple[Sequence[Float[Tensor, "p _"]], Sequence[Float[Tensor, "p _ _"]]] | None,
+) -> list[tuple[Node, ...]]:
+    """Return the nodes of each instance; with their places in space and the covariances of these, where given."""
+    by_role = []
+    for node, (node_type, role) in enumerate(zip(member.kernel.roles, node_roles(member), strict=True)):
+        rows = [nodes[node].tolist(), index[node].tolist()]
+        rows += [[None] * index.shape[1]] * 2 if in_space is None else [own[node].tolist() for own in in_space]
+        by_role.append(
+            [
+                Node(
+                    node_type,
+                    tuple(xy),
+                    feature,
+                    role,
+                    space and tuple(space),
+                    covariance and tuple(map(tuple, covariance)),
+                )
+                for xy, feature, space, covariance in zip(*rows, strict=True)
+            ]
+        )
+    return list(zip(*by_role, strict=True))
 
 
 def node_roles(member: KernelModel) -> list[NodeRole | None]:

@@ -13,7 +13,9 @@ from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.features.pipeline import FeaturePipeline
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.graphs.motif_graph import motif_graph
+from geoskill.io.frames import EXPECTED_DEPTH, size_text
 from geoskill.model.evidence import Evidence
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
@@ -112,38 +114,63 @@ class Skill:
         )
 
     def infer(
-        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+        self,
+        frame: UInt8[np.ndarray, "height width 3"],
+        features: Mapping[str, FeatureSet] | None = None,
+        depth: DepthPicture | None = None,
     ) -> InferenceResult:
         """Select the associations that define the task in one RGB frame, whatever frames came before.
 
         Args:
             frame: the picture.
             features: what :meth:`extract` found in it, when that has been done.
+            depth: of the picture, which members in space need.
 
         Raises:
-            InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
+            InputError: when the frame is not ``[H, W, 3]`` of uint8 or has no pixel, or its depth is needed and not
+                given, or of another size.
         """
-        scored_frame = self.observe(frame, features)
+        scored_frame = self.observe(frame, features, depth)
         return scored_frame.result(
             {name: scored.associations(scored.best(self.top_k)) for name, scored in scored_frame.members.items()}
         )
 
-    def extract(self, frame: UInt8[np.ndarray, "height width 3"]) -> dict[str, FeatureSet]:
+    def extract(
+        self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None = None
+    ) -> dict[str, FeatureSet]:
         """Extract the features of one RGB frame, by the extractor's name; safe to call from several threads.
 
-        Raises:
-            InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
+        The arguments and errors are those of :meth:`infer`.
         """
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or frame.size == 0:
             raise InputError(f"the frame is {frame.dtype} {list(frame.shape)}; expected uint8 [height, width, 3], RGB")
-        return {name: pipeline.extract(frame) for name, pipeline in self.pipelines.items()}
+        if depth is None:
+            self.require_depth("the frame")
+        elif depth.depth_m.shape != frame.shape[:2]:
+            raise InputError(
+                f"the depth is {size_text(depth.depth_m.shape)} pixels; expected {size_text(frame.shape)}, as the frame"
+            )
+        return {name: pipeline.extract(frame, depth) for name, pipeline in self.pipelines.items()}
+
+    def require_depth(self, name: str) -> None:
+        """Raise InputError if there is a member in space, for what has no depth.
+
+        Args:
+            name: of that.
+        """
+        for member in self.members.values():
+            if member.kernel.in_space:
+                raise InputError(f"kernel={member.kernel.name} needs depth, and {name} has none; {EXPECTED_DEPTH}")
 
     @torch.inference_mode()
     def observe(
-        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+        self,
+        frame: UInt8[np.ndarray, "height width 3"],
+        features: Mapping[str, FeatureSet] | None = None,
+        depth: DepthPicture | None = None,
     ) -> ScoredFrame:
         """Score all instances in one RGB frame; the arguments and errors are those of :meth:`infer`."""
-        features = self.extract(frame) if features is None else features
+        features = self.extract(frame, depth) if features is None else features
         members = {}
         for name, member in self.members.items():
             graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})

@@ -275,13 +275,20 @@ def build_skill(spec: SkillSpec, cache: FeatureCache | None = None, seed: int = 
     Raises:
         InputError: when a part is not installed here, or does not take its arguments.
     """
+    kernels: dict[str, Kernel] = {name: _build(KERNELS, member.kernel) for name, member in spec.members.items()}
+    lifted = {
+        extractor
+        for name, member in spec.members.items()
+        if kernels[name].in_space
+        for extractor in member.extractors.values()
+    }
     pipelines = {
-        name: FeaturePipeline(_build(EXTRACTORS, part), cache=cache, **as_plain(spec.features))
+        name: FeaturePipeline(_build(EXTRACTORS, part), cache=cache, in_space=name in lifted, **as_plain(spec.features))
         for name, part in spec.extractors.items()
     }
     members = {}
     for name, member in spec.members.items():
-        kernel: Kernel = _build(KERNELS, member.kernel)
+        kernel = kernels[name]
         extractors = {NodeType(kind): extractor for kind, extractor in member.extractors.items()}
         dims = {kind: pipelines[extractor].descriptor_dim for kind, extractor in extractors.items()}
         sides = {kind: pipelines[extractor].patch_side for kind, extractor in extractors.items()}

@@ -5,15 +5,14 @@ from dataclasses import replace
 from typing import final
 
 import numpy as np
-import torch
 from jaxtyping import Float64
 
-from geoskill.geometry.uncertainty import propagated_std
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, Node
 from geoskill.skill.consensus import consensus
 from geoskill.skill.innovation import InnovationGate
 from geoskill.skill.member_status import MemberStatus, State
+from geoskill.skill.node_errors import error_of_nodes
 from geoskill.tuning import InnovationConfig
 
 
@@ -70,9 +69,7 @@ class StatusOverTime:
         """Compare an association with what was predicted from the last one."""
         predicted, std = np.array(last.error), np.array(last.error_std)
         if tracked is not None:
-            kernel, nodes = self._member.kernel, [torch.tensor([node.coordinates]) for node in tracked]
-            predicted = kernel.control_error(nodes)[0].double().numpy()
-            std = propagated_std(kernel.control_error, nodes)[0].double().numpy()
+            predicted, std = (np.array(values) for values in error_of_nodes(self._member.kernel, tracked))
         goes_on = self._error_gate.goes_on(predicted, std, top.error, top.error_std)
         goal = None if self._goal is None else self._goal + predicted - last.error
         goal_goes_on = (

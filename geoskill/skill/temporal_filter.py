@@ -31,13 +31,14 @@ from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.segments import turned
-from geoskill.geometry.uncertainty import propagated_std
 from geoskill.kernels.kernel import reference_line
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
 from geoskill.skill.goal import goals_of
 from geoskill.skill.matching import find_feature
+from geoskill.skill.node_errors import error_of_nodes, lifted_nodes
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
 from geoskill.skill.status_over_time import StatusOverTime
@@ -84,7 +85,10 @@ class TemporalFilter:
         self._co_motion = CoMotionDetector(self._config.co_motion)
 
     def infer(
-        self, frame: UInt8[np.ndarray, "height width 3"], features: Mapping[str, FeatureSet] | None = None
+        self,
+        frame: UInt8[np.ndarray, "height width 3"],
+        features: Mapping[str, FeatureSet] | None = None,
+        depth: DepthPicture | None = None,
     ) -> InferenceResult:
         """Select associations in the next RGB frame: of each member the kept one first, then the best of the others.
 
@@ -95,11 +99,12 @@ class TemporalFilter:
         Args:
             frame: RGB image.
             features: result of :meth:`Skill.extract` on the frame, where it is already known.
+            depth: of the picture, which members in space need.
 
         Raises:
-            InputError: when the frame is not ``[H, W, 3]`` of uint8, or has no pixel.
+            InputError: as :meth:`Skill.infer`.
         """
-        scored_frame = self.skill.observe(frame, features)
+        scored_frame = self.skill.observe(frame, features, depth)
         gray = np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), np.uint8)
         if self._previous_gray is not None and self._previous_gray.shape != gray.shape:
             self._selected, self._axes, self._statuses = {}, {}, {}
@@ -111,6 +116,8 @@ class TemporalFilter:
             scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
             last = self._selected.pop(name, None)
             tracked = None if last is None else self._track(last.association.nodes, gray)
+            if tracked is not None and last is not None and scored.member.kernel.in_space:
+                tracked = lifted_nodes(tracked, last.association.nodes, depth)
             best = scored.associations(scored.best(self.skill.top_k), self._axes.get(name))
             selected = self._keep(last, tracked, scored, score_std, bool(best) and best[0].is_at_goal, gray)
             if selected is None and best:
@@ -224,17 +231,14 @@ def _moved(
     member: KernelModel, association: Association, nodes: tuple[Node, ...], axis: Float[Tensor, "2"]
 ) -> Association:
     """Return an association whose nodes are where flow tracked them; its goal moves along with a resting node."""
-    kernel, geometry = member.kernel, [torch.tensor([node.coordinates]) for node in nodes]
-    error, std = kernel.control_error(geometry), propagated_std(kernel.control_error, geometry)
+    error, std = error_of_nodes(member.kernel, nodes)
     goal = association.goal
     if goal is not None:
         resting = goal.nodes.index(None)
         shift = np.subtract(nodes[resting].center, association.nodes[resting].center)
         places = [place and tuple(np.reshape(np.reshape(place, (-1, 2)) + shift, -1).tolist()) for place in goal.nodes]
         (goal,) = goals_of(member, [nodes], [tuple(places)], axis)
-    return replace(
-        association, nodes=nodes, error=tuple(error[0].tolist()), error_std=tuple(std[0].tolist()), goal=goal
-    )
+    return replace(association, nodes=nodes, error=error, error_std=std, goal=goal)
 
 
 def _first_selected(best: Sequence[Association], last: _Selected | None) -> Association:

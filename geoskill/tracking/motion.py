@@ -29,10 +29,12 @@ class Displacement:
     Attributes:
         next_geometry: ``[n, g]`` in pixels; the frame's own geometry where a feature was lost.
         tracked: ``[n]``, whether the feature was tracked all the way.
+        next_space: ``[n, s]`` in meters, likewise; NaN where there is no depth. None without depth.
     """
 
     next_geometry: Float[Tensor, "n g"]
     tracked: Bool[Tensor, " n"]
+    next_space: Float[Tensor, "n s"] | None = None
 
 
 @final
@@ -46,6 +48,8 @@ class Trajectory:
         final_xy: ``[n, g]`` in pixels, in the last frame; the frame's own geometry where unknown.
         final_known: ``[n]``, whether the final position is known.
         part: ``[n]``, the :class:`Part` of each feature.
+        anchor_space: ``[n, a, s]`` in meters, likewise; NaN where there is no depth. None without depth.
+        final_space: ``[n, s]``, likewise.
     """
 
     anchor_xy: Float[Tensor, "n a g"]
@@ -53,3 +57,5 @@ class Trajectory:
     final_xy: Float[Tensor, "n g"]
     final_known: Bool[Tensor, " n"]
     part: Int64[Tensor, " n"]
+    anchor_space: Float[Tensor, "n a s"] | None = None
+    final_space: Float[Tensor, "n s"] | None = None

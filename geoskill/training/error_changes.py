@@ -18,7 +18,7 @@ from geoskill.tracking.motion import Part
 def error_changes(member: KernelModel, graph: MotifGraph, change: str) -> Float[Tensor, " m"]:
     """Return by how much each instance's error norm changes between the graph's frame and the transition's other frame.
 
-    0 when a node could not be tracked: such an instance earns no reward and costs none.
+    0 when a node could not be tracked, or its depth there is not known: it earns no reward and costs none.
 
     Args:
         member: gives the control error and its resolution.
@@ -28,7 +28,7 @@ def error_changes(member: KernelModel, graph: MotifGraph, change: str) -> Float[
     before = error_norm(member.control_errors(graph))
     after = error_norm(member.control_errors(graph, "next_geometry"))
     changes = error_change(before, after, change, member.kernel.resolution)
-    known = _node_values(member, graph, "tracked").all(dim=0)
+    known = _node_values(member, graph, "tracked").all(dim=0) & after.isfinite()
     return torch.where(known, changes, torch.zeros_like(changes))
 
 
@@ -40,7 +40,7 @@ def instance_goal_progress(member: KernelModel, graph: MotifGraph) -> Float[Tens
     :data:`~geoskill.objective.goal.UNRELATED_PROGRESS`.
     """
     before, after = errors_at_ends(member, graph)
-    known = _node_values(member, graph, "final_known").all(dim=0)
+    known = _node_values(member, graph, "final_known").all(dim=0) & after.isfinite()
     progress = goal_progress(before, after, known, member.kernel.resolution)
     part = _node_values(member, graph, "part")
     same = (part == part[0]).all(dim=0) & ((part[0] == Part.THING) | (part[0] == Part.BACKGROUND))
@@ -52,16 +52,17 @@ def errors_at_ends(member: KernelModel, graph: MotifGraph) -> tuple[Float[Tensor
     """Return the norm of each instance's control error before, and at the end of the demonstration.
 
     The one before is the larger of that in the frame and that at the first anchor since which all of its nodes are
-    known; the one in the frame when there is no such anchor. Where the end is not known, it is as in the frame.
+    known; the one in the frame when there is no such anchor. Where the end is not known, it is as in the frame; where
+    only its depth is not known, it is NaN.
     """
     now = error_norm(member.control_errors(graph))
-    anchor_xy = member.attribute(graph, "anchor_xy")
+    places = member.places(graph, "anchor_xy")
     anchor = _node_values(member, graph, "first_known_anchor").amax(dim=0)
-    anchors = anchor_xy[member.node_types[0]].shape[1]
+    anchors = places[member.node_types[0]].shape[1]
     rows = zip(member.kernel.roles, graph.instance_index, strict=True)
-    nodes = [anchor_xy[role][row, anchor.clamp_max(anchors - 1)] for role, row in rows]
+    nodes = [places[role][row, anchor.clamp_max(anchors - 1)] for role, row in rows]
     at_anchor = error_norm(member.kernel.control_error(nodes))
-    before = torch.where(anchor < anchors, torch.maximum(now, at_anchor), now)
+    before = torch.where((anchor < anchors) & at_anchor.isfinite(), torch.maximum(now, at_anchor), now)
     return before, error_norm(member.control_errors(graph, "final_xy"))
 
 

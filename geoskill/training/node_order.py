@@ -12,6 +12,8 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.objective.reward import error_change, reward
 from geoskill.training.error_changes import error_changes
 
+# Change of place in a picture that detection resolves.
+RESOLUTION_PX = 1.0
 # Least assumed noise, over a descriptor's norm: without noise, few features would have no unique solution.
 MIN_NOISE = 0.1
 
@@ -52,7 +54,8 @@ def fit_node_order(
             for node in equivalent_nodes:
                 pairs = graph.instance_index[[0, node]]
                 first, second = distances[pairs]
-                difference = error_change(second, first, "relative", member.kernel.resolution)
+                resolution = RESOLUTION_PX if member.kernel.in_space else member.kernel.resolution
+                difference = error_change(second, first, "relative", resolution)
                 moment, product = _normal_equations(descriptors, pairs, weight, difference)
                 moments, products = moments + moment, products + product
                 total += float(weight.sum())

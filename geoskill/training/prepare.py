@@ -14,7 +14,7 @@ from geoskill.data.demonstrations import Demonstrations
 from geoskill.errors import InputError
 from geoskill.io.arrays import ArrayFrames
 from geoskill.io.frames import FrameSource
-from geoskill.io.kept_frames import Pictures
+from geoskill.io.kept_frames import Depths, Pictures
 from geoskill.io.prefetch import Progress
 from geoskill.io.sources import is_live, open_frames, read_all
 from geoskill.schema import as_plain
@@ -64,7 +64,8 @@ def prepare(
     prepared, names, size = [], [], (0, 0)
     for number, source in enumerate(sources, start=1):
         opened = _opened(source, number)
-        pictures = Pictures(read_all(opened, minimum=config.demonstration.gap + 1))
+        frames = read_all(opened, minimum=config.demonstration.gap + 1)
+        pictures = Pictures(frames)
         prepared.append(
             Demonstration(
                 pictures,
@@ -79,6 +80,7 @@ def prepare(
                 threads=torch.get_num_threads(),
                 trajectory=config.demonstration.trajectory,
                 negatives=config.demonstration.negatives,
+                depths=None if frames[0].depth is None else Depths(frames),
             )
         )
         names.append(opened.name)

@@ -95,7 +95,7 @@ def test_transition_displacements_lead_to_the_other_frame(
         transition = demonstration[index]["p2l_sift_lbd"]
         for which, start, end in (("first", t, t + 2), ("second", t + 2, t)):
             graph = transition[which]
-            for node_type in NodeType:
+            for node_type in (NodeType.POINT, NodeType.LINE):
                 geometry, tracked = track_between(
                     node_type,
                     graph[f"{node_type}_geometry"].numpy(),

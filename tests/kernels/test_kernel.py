@@ -12,7 +12,7 @@ import torch
 
 import geoskill.kernels.kernel
 from geoskill.geometry.primitives import NodeType
-from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges, node_types
+from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges, node_dim, node_types
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 STEMS = sorted(
@@ -32,7 +32,7 @@ def kernels_of(stem: str) -> list[type[Kernel]]:
 
 
 def test_built_in_kernels_exist() -> None:
-    assert {"p2p", "p2l", "l2l", "par"} <= set(STEMS)
+    assert {"p2p", "p2l", "l2l", "par", "p2p3", "p2l3", "l2l3", "par3"} <= set(STEMS)
 
 
 @pytest.mark.parametrize("stem", STEMS)
@@ -62,7 +62,7 @@ def test_kernel_motif_is_connected_and_without_duplicate_edges(stem: str) -> Non
 @pytest.mark.parametrize("lines", [0, 1, 3])
 def test_kernel_instances_are_distinct_and_within_range(stem: str, points: int, lines: int) -> None:
     (kernel,) = kernels_of(stem)
-    counts = {POINT: points, LINE: lines}
+    counts = {kind: points if kind is POINT else lines for kind in NodeType}
     index = kernel().instances(counts)
     assert index.dtype == torch.long
     assert index.shape[0] == len(kernel.roles)
@@ -81,7 +81,7 @@ def test_kernel_instances_are_distinct_and_within_range(stem: str, points: int, 
 def test_control_error_shape(stem: str, count: int) -> None:
     (kernel,) = kernels_of(stem)
     torch.manual_seed(0)
-    nodes = [100 * torch.rand(count, role.geometry_dim) for role in kernel.roles]
+    nodes = [100 * torch.rand(count, node_dim(kernel, role)) for role in kernel.roles]
     error = kernel().control_error(nodes)
     assert error.shape == (count, kernel.error_dim)
     assert error.dtype == torch.float32
@@ -92,7 +92,7 @@ def test_control_error_shape(stem: str, count: int) -> None:
 def test_control_error_norm_is_invariant_under_automorphisms(stem: str) -> None:
     (kernel,) = kernels_of(stem)
     torch.manual_seed(0)
-    nodes = [100 * torch.rand(50, role.geometry_dim, dtype=torch.float64) for role in kernel.roles]
+    nodes = [100 * torch.rand(50, node_dim(kernel, role), dtype=torch.float64) for role in kernel.roles]
     size = kernel().control_error(nodes).norm(dim=1)
     assert size.min() > 0
     for order in automorphisms(kernel):

@@ -31,7 +31,7 @@ def test_association_as_json_of_points() -> None:
         '{"kernel": "p2p", "descriptor": "sift", "rank": 1, "confidence": 0.93, "weight": 0.5, '
         '"nodes": [{"type": "point", "xy": [101.5, 66.0], "role": "moving"}, '
         '{"type": "point", "xy": [75.2, 140.9], "role": "resting"}], '
-        '"error": [26.3, -74.9], "error_std": [0.7071, 0.7071], '
+        '"error": [26.3, -74.9], "error_std": [0.7071, 0.7071], "unit": "px", '
         '"goal_error": [12.2, -3.1], "goal_error_std": [0.7071, 0.7071]}'
     )
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.geometry.segments import directed, direction, length, reversed_ends, turned
-from geoskill.geometry.uncertainty import propagated_std
+from geoskill.geometry.uncertainty import DETECTION_STD_PX, propagated_std
 from geoskill.graphs.motif_graph import motif_graph
 from geoskill.kernels.kernel import Kernel, automorphisms, directed_nodes, error_row_names, reference_line
 from geoskill.model.bilinear import Bilinear
@@ -100,7 +100,7 @@ def test_error_is_continuous_where_no_line_turns_round(name: str, seed: int, axi
     def error(given: list[Tensor]) -> Tensor:
         return kernel.control_error(directed_nodes(kernel, given, axis))
 
-    slope = propagated_std(kernel.control_error, directed_nodes(kernel, nodes, axis), std_px=1.0)
+    slope = propagated_std(kernel.control_error, directed_nodes(kernel, nodes, axis)) / DETECTION_STD_PX
     change = (error(moved) - error(nodes)).abs()
     assert (change <= step * (math.sqrt(8) * slope + 0.1)).all()
 

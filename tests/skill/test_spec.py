@@ -452,9 +452,9 @@ def test_from_plain_refuses_a_skill_without_members() -> None:
         (("features", "color"), float("nan"), "features: color=nan: expected a number of at least 0 and at most 1000"),
         (("features", "color"), [8.0], "features: color=[8.0]: expected a number of at least 0 and at most 1000"),
         (
-            ("members", "p2l_sift_lbd", "extractors", "plane"),
+            ("members", "p2l_sift_lbd", "extractors", "curve"),
             "sift",
-            "members.p2l_sift_lbd.extractors has 'plane'; expected point or line",
+            "members.p2l_sift_lbd.extractors has 'curve'; expected point or line or plane or conic",
         ),
         (
             ("members", "p2l_sift_lbd", "extractors", "line"),

@@ -115,9 +115,9 @@ def test_demonstration_extracts_every_picture_once(
     extracted: Counter[bytes] = Counter()
     original = FeaturePipeline._extract
 
-    def counted(pipeline: FeaturePipeline, frame: np.ndarray) -> FeatureSet:
+    def counted(pipeline: FeaturePipeline, frame: np.ndarray, depth: None) -> FeatureSet:
         extracted[frame.tobytes()] += 1
-        return original(pipeline, frame)
+        return original(pipeline, frame, depth)
 
     monkeypatch.setattr(FeaturePipeline, "_extract", counted)
     negatives = NegativesConfig(source_frames=2, leaves_per_frame=2)
