@@ -87,7 +87,7 @@ class ImageFolder(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         first_shape: tuple[int, ...] | None = None
         for index, path in enumerate(self._paths):
-            image = _read_image(path)
+            image = read_image(path)
             first_shape = first_shape or image.shape
             if image.shape != first_shape:
                 raise InputError(
@@ -120,12 +120,30 @@ def _is_depth(path: Path) -> bool:
     )
 
 
-def _read_image(path: Path) -> UInt8[np.ndarray, "height width 3"]:
+def ordered_pictures(files: list[Path]) -> list[Path]:
+    """Return those of some files that are pictures of color, in their order; a warning says when it is ambiguous."""
+    ordered, ambiguity = _ordered([file for file in files if not _is_depth(file)])
+    if ambiguity is not None:
+        warnings.warn(f"{files[0].parent}: {ambiguity}", stacklevel=4)
+    return ordered
+
+
+def read_image(path: Path, *, as_stored: bool = False) -> UInt8[np.ndarray, "height width 3"]:
+    """Read a picture as RGB.
+
+    Args:
+        path: of the file.
+        as_stored: do not turn it as its EXIF data say.
+
+    Raises:
+        InputError: when it cannot be read.
+    """
+    flags = cv2.IMREAD_COLOR | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0)
     try:
         # Read by Python, because OpenCV cannot open every file name on every system.
         data = np.frombuffer(path.read_bytes(), np.uint8)
         with quiet_opencv():
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+            image = cv2.imdecode(data, flags) if data.size else None
     except (OSError, cv2.error) as error:
         raise InputError(f"{path}: cannot be read ({error}); expected an image") from error
     if image is None:

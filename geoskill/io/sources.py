@@ -6,6 +6,7 @@ from pathlib import Path
 from geoskill.errors import InputError
 from geoskill.io.camera import Camera
 from geoskill.io.decoding import VIDEO_TYPES
+from geoskill.io.depth_folder import DepthFolder, has_depth
 from geoskill.io.frames import DEFAULT_FRAME_RATE, FrameSource
 from geoskill.io.image_folder import ImageFolder
 from geoskill.io.kept_frames import KeptFrames
@@ -18,6 +19,8 @@ URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*://.+")
 
 def open_frames(source: str | Path | int, frame_rate: float | None = None) -> FrameSource:
     """Open a video, a folder of images, a camera by its number or device file, or the address of a stream.
+
+    A folder with ``depth/`` and ``camera.yaml`` has depth beside its pictures.
 
     A number of at most two digits is a camera's unless a file or folder of that name exists.
 
@@ -32,7 +35,8 @@ def open_frames(source: str | Path | int, frame_rate: float | None = None) -> Fr
     except (OSError, ValueError):  # too long, or with a zero byte
         exists = False
     if exists and path.is_dir():
-        return ImageFolder(path, DEFAULT_FRAME_RATE if frame_rate is None else frame_rate)
+        frame_rate = DEFAULT_FRAME_RATE if frame_rate is None else frame_rate
+        return DepthFolder(path, frame_rate) if has_depth(path) else ImageFolder(path, frame_rate)
     if exists and path.is_char_device():
         return Camera(name, frame_rate)
     if exists:
