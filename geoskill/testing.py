@@ -7,6 +7,7 @@ Each check raises :class:`AssertionError` with a message that names what is viol
 """
 
 import inspect
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 
@@ -17,6 +18,8 @@ from torch import Tensor
 
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_camera import DepthCamera
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, automorphisms, directed_edges, node_dim
 from geoskill.kernels.l2l import LineToLine
@@ -74,7 +77,7 @@ def check_extractor(extractor: FeatureExtractor | type[FeatureExtractor]) -> Non
 
     - It is final, has a name, a node type and a width, and keeps its arguments, which are plain, as attributes.
     - Features lie in the picture, strongest first, with descriptors of unit norm and declared width.
-    - ``limit`` keeps the strongest, and a picture without structure or a tiny one has no feature.
+    - ``limit`` keeps the strongest, and a picture without structure or a tiny one, without depth, has no feature.
     - The same picture gives the same features, and is left unchanged.
 
     Args:
@@ -94,7 +97,7 @@ def check_extractor(extractor: FeatureExtractor | type[FeatureExtractor]) -> Non
         _require(
             isinstance(kept, bool | int | float | str | None), f"{name}.{argument} is {kept!r}, which is not plain"
         )
-    picture = _textured_picture()
+    picture = _textured_picture(round_shapes=cls.node_type is NodeType.CONIC)
     before = picture.copy()
     found, again = _extract(extractor, picture), _extract(extractor, picture)
     _require(np.array_equal(picture, before), f"{name} changes the picture")
@@ -113,7 +116,7 @@ def check_extractor(extractor: FeatureExtractor | type[FeatureExtractor]) -> Non
     kept = few.shape == strongest.shape and np.allclose(few, strongest)
     _require(kept, f"{name}: the first features under a limit are not the strongest")
     for empty in (np.full((120, 160), 90, np.uint8), np.zeros((8, 8), np.uint8)):
-        nothing = _extract(extractor, empty)
+        nothing = _extract(extractor, empty, depth_m=math.nan)
         _require(len(nothing) == 0, f"{name} finds {len(nothing)} features in a plain picture")
         _require(nothing.descriptors.shape[1] == cls.descriptor_dim, f"{name}: an empty set has another width")
 
@@ -235,9 +238,14 @@ def _check_gradients(
     _require(not unreached, f"{name}: no gradient reaches {', '.join(unreached)}")
 
 
-def _extract(extractor: FeatureExtractor, picture: np.ndarray, limit: int | None = None) -> FeatureSet:
+def _extract(
+    extractor: FeatureExtractor, picture: np.ndarray, limit: int | None = None, depth_m: float = 0.7
+) -> FeatureSet:
+    height, width = picture.shape
+    camera = DepthCamera(width, width, width / 2, height / 2)
+    depth = DepthPicture(np.full(picture.shape, depth_m, np.float32), camera)
     try:
-        return extractor.extract(picture, limit)
+        return extractor.extract_in_depth(picture, depth, limit)
     except ValueError as error:  # of a FeatureSet, which checks what it is given
         raise AssertionError(f"{type(extractor).__name__}: {error}") from error
 
@@ -251,12 +259,16 @@ def _random_nodes(kernel: type[Kernel], count: int, dtype: torch.dtype) -> list[
     return [100 * torch.rand(count, node_dim(kernel, role), dtype=dtype, generator=generator) for role in kernel.roles]
 
 
-def _textured_picture() -> np.ndarray:
-    """Return a gray picture of 240x320 with bright, dark and turned rectangles."""
+def _textured_picture(*, round_shapes: bool) -> np.ndarray:
+    """Return a gray picture of 240x320 with bright, dark and turned rectangles, or with discs."""
     random = np.random.default_rng(0)
     picture = np.full((240, 320), 120, np.float32)
     for _ in range(40):
         middle, size = random.uniform((20, 20), (300, 220)), random.uniform(12, 50, 2)
+        if round_shapes:
+            center = middle.round().astype(int).tolist()
+            cv2.circle(picture, center, round(size[0]), float(random.uniform(0, 255)), cv2.FILLED, cv2.LINE_AA)
+            continue
         corners = cv2.boxPoints((middle.tolist(), size.tolist(), float(random.uniform(0, 180))))
         cv2.fillPoly(picture, [corners.round().astype(np.int32)], float(random.uniform(0, 255)))
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.8), np.float32).clip(0, 255).astype(np.uint8)

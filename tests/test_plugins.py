@@ -136,8 +136,8 @@ def test_built_in_names_are_found_without_importing_the_classes() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     names, heavy = ended.stdout.splitlines()
-    kernels = ["l2l", "l2l3", "p2l", "p2l3", "p2p", "p2p3", "par", "par3"]
-    extractors = ["lbd", "orb", "patch", "sift"]
+    kernels = ["copl", "copl2", "l2l", "l2l3", "p2c", "p2l", "p2l3", "p2p", "p2p3", "p2pl", "par", "par3"]
+    extractors = ["conics", "lbd", "orb", "patch", "planes", "sift"]
     scorers, tasks = ["bilinear", "message_passing", "prototypes"], ["folding", "insertion", "screw", "sorting"]
     assert (names, heavy) == (str([*kernels, *extractors, *scorers, *tasks]), "[]")
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.primitives import NodeType
 
 
@@ -25,6 +26,9 @@ class FeatureExtractor(ABC):
     has_orientation: ClassVar[bool] = False
     """Whether its feature sets have :attr:`FeatureSet.orientation_px`."""
 
+    needs_depth: ClassVar[bool] = False
+    """Whether it finds nothing in a picture without depth."""
+
     patch_side: ClassVar[int | None] = None
     """Side of the descriptor if it is a square patch of pixels, row by row; otherwise None."""
 
@@ -37,3 +41,15 @@ class FeatureExtractor(ABC):
             limit: number of features needed, those with the highest scores; others may be left out without being
                 described. None for all.
         """
+
+    def extract_in_depth(
+        self, image: UInt8[np.ndarray, "height width"], depth: DepthPicture, limit: int | None = None
+    ) -> FeatureSet:
+        """Return the features of a picture with depth; most extractors do not look at it.
+
+        Args:
+            image: gray.
+            depth: of the picture, of its size.
+            limit: see :meth:`extract`.
+        """
+        return self.extract(image, limit)

@@ -30,6 +30,12 @@ MIN_INLIERS: Final = 8
 MIN_COVER: Final = 0.6
 """Samples on the line have to cover more than this share of it."""
 DRAWS: Final = 32
+PLANE_SIDE: Final = 16
+"""Of an outline, a grid of so many places along either side is looked at."""
+MIN_PLANE_SHARE: Final = 0.4
+"""So many of them have to be on the plane."""
+MIN_EXACT_M: Final = 1e-3
+"""Points of an exact camera are this close to their plane."""
 # Pairs of samples at some distance: nearer ones hardly give a direction. The same ones for all lines and calls.
 _PAIRS: Final = np.random.default_rng(0).permutation(
     [pair for pair in combinations(range(SAMPLES), 2) if pair[1] - pair[0] >= SAMPLES // 4]
@@ -41,8 +47,7 @@ def lift(
 ) -> tuple[Float32[np.ndarray, "n s"], Float32[np.ndarray, "n s s"]]:
     """Return features in space, in meters, and their covariance in square meters; NaN where there is no depth.
 
-    Planes are found in the depth itself (:mod:`geoskill.features.planes`), and conics are in pictures only: of these,
-    everything is NaN.
+    A plane is fitted to the depths within its outline. Conics are in pictures only.
 
     Args:
         node_type: type of the features.
@@ -53,9 +58,10 @@ def lift(
         space, covariance = lift_points(geometry, picture)
     elif node_type is NodeType.LINE:
         space, covariance = lift_lines(geometry, picture)
+    elif node_type is NodeType.PLANE:
+        space, covariance = lift_planes(geometry, picture)
     else:
-        space = np.full((len(geometry), node_type.space_dim), np.nan)
-        covariance = np.full((len(geometry), node_type.space_dim, node_type.space_dim), np.nan)
+        space, covariance = np.zeros((len(geometry), 0)), np.zeros((len(geometry), 0, 0))
     return space.astype(np.float32), covariance.astype(np.float32)
 
 
@@ -100,6 +106,73 @@ def lift_lines(
     space = np.stack([_nearest_to_ray(middle, along, rays[:, end]) for end in range(2)], axis=1)
     space[~exists] = np.nan
     return space.reshape(count, 6), _line_covariance(space, np.maximum(total, 1), picture)
+
+
+def lift_planes(
+    outlines: Float[np.ndarray, "n 8"], picture: DepthPicture
+) -> tuple[Float64[np.ndarray, "n 4"], Float64[np.ndarray, "n 4 4"]]:
+    """Return the planes that most of the depths within outlines lie in, with covariance; see :func:`lift`.
+
+    An outline is a box around the pixels of a plane and holds others, too.
+    """
+    space, covariance = np.full((len(outlines), 4), np.nan), np.full((len(outlines), 4, 4), np.nan)
+    first, second = np.meshgrid(*[np.linspace(0.05, 0.95, PLANE_SIDE)] * 2)
+    weights = np.stack([(1 - first) * (1 - second), first * (1 - second), first * second, (1 - first) * second])
+    for row, corners in enumerate(outlines.reshape(-1, 4, 2).astype(np.float64)):
+        pixels = np.round(np.tensordot(weights.reshape(4, -1), corners, axes=(0, 0)))
+        depths = _depth_at(picture, pixels[:, 0].astype(np.int64), pixels[:, 1].astype(np.int64))
+        points = picture.camera.back_project(pixels, depths)
+        tolerance = INLIER_STD * picture.camera.depth_std_m(depths) + MIN_EXACT_M
+        known = np.isfinite(depths)
+        plane = most_common_plane(points[known], tolerance[known])
+        if plane is None:
+            continue
+        near = np.abs(points[known] @ plane[:3] + plane[3]) <= tolerance[known]
+        if near.sum() >= MIN_PLANE_SHARE * len(points):
+            space[row], covariance[row] = fitted_plane(points[known][near], picture, 1.0)
+    return space, covariance
+
+
+def most_common_plane(
+    points: Float64[np.ndarray, "p 3"], tolerance: Float64[np.ndarray, " p"]
+) -> Float64[np.ndarray, "4"] | None:
+    """Return of some planes through three of the points the one that most are on, or None with too few points."""
+    if len(points) < 3:
+        return None
+    corners = points[np.random.default_rng(0).integers(len(points), size=(DRAWS, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    usable = lengths > 0
+    if not usable.any():
+        return None
+    normals = normals[usable] / lengths[usable, None]
+    offsets = -(normals * corners[usable, 0]).sum(axis=1)
+    best = int((np.abs(points @ normals.T + offsets) <= tolerance[:, None]).sum(axis=0).argmax())
+    return np.append(normals[best], offsets[best])
+
+
+def fitted_plane(
+    points: Float64[np.ndarray, "p 3"], picture: DepthPicture, independent: float
+) -> tuple[Float64[np.ndarray, "4"], Float64[np.ndarray, "4 4"]]:
+    """Return the plane of least squares, its normal toward the camera, and its covariance.
+
+    Args:
+        points: at least three.
+        picture: gives the noise, which is along the rays.
+        independent: share of the points whose noise counts as independent; neighbors have the same.
+    """
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    normal = normal if normal @ middle < 0 else -normal
+    std = picture.camera.depth_std_m(points[:, 2]) * np.abs((points / points[:, 2:]) @ normal)
+    weighted = np.column_stack([points, np.ones(len(points))]) / np.maximum(std, 1e-6)[:, None]
+    # The normal keeps its length: it turns about two axes.
+    basis = np.zeros((4, 3))
+    basis[:3, :2] = np.linalg.svd(normal[None])[2][1:].T
+    basis[3, 2] = 1.0
+    reduced = weighted @ basis
+    covariance: np.ndarray = basis @ np.linalg.pinv(independent * reduced.T @ reduced) @ basis.T
+    return np.append(normal, -normal @ middle), covariance
 
 
 def _depth_at(picture: DepthPicture, columns: np.ndarray, rows: np.ndarray) -> Float64[np.ndarray, "..."]:

@@ -18,6 +18,7 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.features.lifting import lift
 from geoskill.features.preference import MAX_CANDIDATES, FeaturePreference
 from geoskill.geometry.depth_picture import DepthPicture
+from geoskill.geometry.primitives import centers
 from geoskill.geometry.sampling import resized
 from geoskill.geometry.transforms import rescale_points
 from geoskill.plugins import code_identity
@@ -146,19 +147,21 @@ class FeaturePipeline:
 
     def _extract(self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None) -> FeatureSet:
         if self.preference is None:
-            return self._lifted(self._described(frame, self.max_features), depth)
+            return self._lifted(self._described(frame, depth, self.max_features), depth)
         # Cached as what is chosen of them, not as all there are.
-        candidates = self._described(frame, self._max_candidates)
+        candidates = self._described(frame, depth, self._max_candidates)
         return self._lifted(candidates.take(self.preference.choose(candidates, self.max_features)), depth)
 
     @staticmethod
     def _lifted(features: FeatureSet, depth: DepthPicture | None) -> FeatureSet:
-        if depth is None:
+        if depth is None or features.space is not None:
             return features
         space, covariance = lift(features.node_type, features.geometry, depth)
         return replace(features, space=space, space_covariance=covariance)
 
-    def _described(self, frame: UInt8[np.ndarray, "height width 3"], limit: int) -> FeatureSet:
+    def _described(
+        self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None, limit: int
+    ) -> FeatureSet:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         height, width = gray.shape
         shorter = min(height, width)
@@ -169,7 +172,11 @@ class FeaturePipeline:
             gray = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
         elif self.max_side and shorter > self.max_side:
             gray = resized(np.asarray(gray, np.uint8), self.max_side / shorter)
-        features = self.extractor.extract(np.asarray(gray, np.uint8), limit)
+        gray = np.asarray(gray, np.uint8)
+        if depth is None:
+            features = self.extractor.extract(gray, limit)
+        else:
+            features = self.extractor.extract_in_depth(gray, depth.resized(*gray.shape[::-1]), limit)
         # Not a slice, which would keep the arrays of all detected features in memory.
         features = features.take(np.arange(min(len(features), limit)))
         ratios = width / gray.shape[1], height / gray.shape[0]
@@ -178,7 +185,7 @@ class FeaturePipeline:
         if self.color > 0:
             assert features.orientation_px is not None
             orientation_px = features.orientation_px * np.array(ratios, np.float32)
-            colors = self.color * colors_around(frame, geometry, orientation_px)
+            colors = self.color * colors_around(frame, centers(geometry).astype(np.float32), orientation_px)
             descriptors = np.concatenate([descriptors, colors], axis=1)
             descriptors = descriptors / np.linalg.norm(descriptors, axis=1, keepdims=True)
-        return FeatureSet(features.node_type, descriptors, geometry, features.scores)
+        return replace(features, descriptors=descriptors, geometry=geometry, orientation_px=None)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 def rescale_points(
     coordinates: Float[np.ndarray, "n coordinates"], factor_x: float, factor_y: float
 ) -> Float[np.ndarray, "n coordinates"]:
-    """Convert points ``[n, 2]`` or segments ``[n, 4]`` of a picture to pixels of its resized version.
+    """Convert points ``[n, 2]``, segments ``[n, 4]`` and the like of a picture to pixels of its resized version.
 
     A resize keeps pixel edges, not pixel centers, in place, as ``cv2.resize`` does: x' = (x + 0.5) · factor - 0.5.
     The inverse is the same function with the inverse factors.
@@ -21,7 +21,7 @@ def rescale_points(
         factor_y: height of the resized picture divided by the original height.
 
     Raises:
-        ValueError: when a factor is not positive and finite, or a row has neither 2 nor 4 numbers.
+        ValueError: when a factor is not positive and finite, or a row has no even number of coordinates.
 
     The middle of a row of 4 pixels stays in the middle when the picture is doubled (1.5 → 3.5):
 
@@ -30,8 +30,8 @@ def rescale_points(
     """
     if not (0 < factor_x < np.inf and 0 < factor_y < np.inf):
         raise ValueError(f"scale factors are {factor_x} and {factor_y}; expected positive finite numbers")
-    if coordinates.ndim != 2 or coordinates.shape[1] not in (2, 4):
-        raise ValueError(f"coordinates have shape {coordinates.shape}; expected [n, 2] or [n, 4]")
+    if coordinates.ndim != 2 or coordinates.shape[1] % 2 or coordinates.shape[1] == 0:
+        raise ValueError(f"coordinates have shape {coordinates.shape}; expected x and y in turn, [n, 2], [n, 4], …")
     factors = np.tile(np.array([factor_x, factor_y], coordinates.dtype), coordinates.shape[1] // 2)
     half = coordinates.dtype.type(0.5)
     rescaled: Float[np.ndarray, "n coordinates"] = (coordinates + half) * factors - half

@@ -115,7 +115,19 @@ class KernelModel(nn.Module):
             return instances
         role = self.kernel.roles[0]
         motion_scores = self.attribute(graph, "descriptor")[role] @ self.node_order
-        best = torch.stack([motion_scores[instances[order[0]]] for order in orders]).argmax(dim=0)
+        # The earlier in the order, the more a node counts: of four alike, all are in the order of their motion.
+        best = torch.stack(
+            [
+                torch.stack(
+                    [
+                        (len(order) - 1 - place) * motion_scores[instances[node]]
+                        for place, node in enumerate(order)
+                        if self.kernel.roles[node] is role
+                    ]
+                ).sum(dim=0)
+                for order in orders
+            ]
+        ).argmax(dim=0)
         listed = torch.stack([instances[list(order)] for order in orders])
         return listed[best, :, torch.arange(instances.shape[1], device=instances.device)].T
 

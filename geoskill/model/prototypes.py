@@ -112,8 +112,11 @@ class PrototypeMixture(InstanceScorer):
             scores = SCALE * (torch.log(table) + first + second.T)
             return scores[instance_index[0], instance_index[1]]
         logs = [nearest[role] + torch.log(u) for role, u in zip(self.motif.roles, mixed, strict=True)]
+        pairs = sorted({(role, node) for order in self.motif.automorphisms for role, node in enumerate(order)})
+        # Gathered once, however many orders there are: twenty-four of four alike.
+        gathered = {(role, node): logs[role][instance_index[node]] for role, node in pairs}
         terms = [
-            torch.stack([logs[role][instance_index[node]] for role, node in enumerate(order)]).sum(dim=0)
+            torch.stack([gathered[role, node] for role, node in enumerate(order)]).sum(dim=0)
             for order in self.motif.automorphisms
         ]
         return SCALE * torch.cat(terms, dim=1).logsumexp(dim=1)

@@ -122,6 +122,8 @@ class GoalFinder:
             if known is not None and residuals(known[None], anchor).min() <= TOLERANCE_PX:
                 return known
         around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
+        if kind not in (NodeType.POINT, NodeType.LINE):  # of a plane or an ellipse, the center is its anchor
+            anchor = Matches(NodeType.POINT, centers(anchor.source), centers(anchor.target), anchor.feature)
         if around not in self._matches:
             self._matches[around] = self._possible(around, np.arange(len(self._geometry[around])))
         others = self._matches[around]
@@ -137,18 +139,18 @@ class GoalFinder:
 
     def _shift(self, kind: NodeType, feature: int, anchor: Matches) -> Float64[np.ndarray, "3 3"] | None:
         """Return the shift of the anchor alone, where it is a point that looks like one stored feature only."""
-        if kind is not NodeType.POINT:
+        if kind is NodeType.LINE:
             return None
         stored, ends = (_array(rows) for rows in self._reference.surroundings(kind))
         difference = np.linalg.norm(stored - self._descriptors[kind][feature], axis=1)
         best = int(difference.argmin())
-        elsewhere = np.linalg.norm(ends - ends[best], axis=1) > TOLERANCE_PX
+        elsewhere = np.linalg.norm(centers(ends) - centers(ends[best : best + 1]), axis=1) > TOLERANCE_PX
         rival = float(difference[elsewhere].min(initial=np.inf))
         similar = self._reference.similar(kind)
         if difference[best] > SURE_SHARE * similar or rival < similar:
             return None
         shift = np.eye(3)
-        shift[:2, 2] = anchor.target[0] - ends[best]
+        shift[:2, 2] = anchor.target[0] - centers(ends[best : best + 1])[0]
         return shift
 
     def _possible(self, kind: NodeType, features: np.ndarray) -> Matches:
@@ -196,8 +198,9 @@ def _agreed(
     """Return where most of the candidates lay at the end, or None where they lay at different places."""
     if len(ends) == 0:
         return None
-    if kind is NodeType.POINT:
-        near = np.linalg.norm(ends - np.median(ends, axis=0), axis=1) <= TOLERANCE_PX
+    if kind is not NodeType.LINE:
+        middles = centers(ends)
+        near = np.linalg.norm(middles - np.median(middles, axis=0), axis=1) <= TOLERANCE_PX
         return np.asarray(ends[near].mean(axis=0), np.float64) if near.mean() >= MIN_AGREEMENT else None
     best: np.ndarray = ends[int(difference.argmin())].astype(np.float64)
     lines = Matches(kind, ends.astype(np.float64), np.tile(best, (len(ends), 1)), np.arange(len(ends)))
@@ -252,7 +255,7 @@ def _as_long(node_type: NodeType, place: Float[Tensor, "m g"], present: Float[Te
 
     Detectors end a segment elsewhere in every frame, which says nothing about the way that is left.
     """
-    if node_type is NodeType.POINT:
+    if node_type is not NodeType.LINE:
         return place
     start, along = place[:, :2], place[:, 2:] - place[:, :2]
     size = length(place)[:, None].clamp_min(DEGENERATE_LENGTH_PX)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float32
@@ -18,6 +19,11 @@ the same feature too, which hardly changes the association (docs/experiments/swi
 TOLERANCE_DEG = 10.0
 """Largest angle between two lines of the same feature. End points that are off by 1 px turn a segment of 20 px by up to
 6 degrees; different edges of a box differ by tens of degrees."""
+
+
+OUTLINE_SHARE: Final = {NodeType.PLANE: 0.25, NodeType.CONIC: 0.1}
+"""Share of its size by which the center of an outline may be off; its size may be by twice that. A hand that passes
+over a plane changes its outline."""
 
 
 def is_same_association(
@@ -52,16 +58,22 @@ def is_same_feature(
 ) -> bool:
     """Return whether two nodes of one frame are the same feature.
 
-    Points are the same feature within ``tolerance_px`` of each other. Lines are the same feature when the midpoint of
-    one of them is within ``tolerance_px`` of the other segment and their directions differ by at most
+    Points are the same feature within ``tolerance_px`` of each other, and outlines of planes and ellipses within a
+    share of their size (:data:`OUTLINE_SHARE`). Lines are the same feature when the midpoint of one of them is within
+    ``tolerance_px`` of the other segment and their directions differ by at most
     ``tolerance_deg``. Neither end points nor midpoints have to agree, since a detector splits an edge differently in
     every frame: a part of an edge is the same line as the whole edge, but another edge farther along the same straight
     line is not. A segment of length 0 has every direction.
     """
     if first.node_type is not second.node_type:
         return False
-    if first.node_type is NodeType.POINT:
-        return math.dist(first.coordinates, second.coordinates) <= tolerance_px
+    if first.node_type is not NodeType.LINE:
+        apart = math.dist(first.center, second.center)
+        if first.node_type is NodeType.POINT:
+            return apart <= tolerance_px
+        sizes = [_size(node) for node in (first, second)]
+        share = OUTLINE_SHARE[first.node_type]
+        return apart <= tolerance_px + share * min(sizes) and min(sizes) >= (1 - 2 * share) * max(sizes) - tolerance_px
     segments = np.array([first.coordinates, second.coordinates], np.float64)
     distance = distance_to_segment(centers(segments), segments[::-1]).min()
     direction, other_direction = segments[:, 2:] - segments[:, :2]
@@ -70,6 +82,12 @@ def is_same_feature(
     # The absolute values make the order of the end points irrelevant; atan2(0, 0) is 0.
     angle_deg = math.degrees(math.atan2(abs(cross), abs(dot)))
     return bool(distance <= tolerance_px and angle_deg <= tolerance_deg)
+
+
+def _size(node: Node) -> float:
+    """Return the root mean square distance of the points of an outline or an ellipse from its center, in pixels."""
+    points = np.reshape(node.coordinates, (-1, 2))
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def find_feature(node: Node, geometry: Float32[np.ndarray, "n _"]) -> int | None:

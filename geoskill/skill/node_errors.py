@@ -8,7 +8,6 @@ import torch
 
 from geoskill.features.lifting import lift
 from geoskill.geometry.depth_picture import DepthPicture
-from geoskill.geometry.primitives import NodeType
 from geoskill.geometry.uncertainty import propagated_std
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import Node
@@ -33,23 +32,17 @@ def error_of_nodes(kernel: Kernel, nodes: Sequence[Node]) -> tuple[Values, Value
     return tuple(error[0].tolist()), tuple(std[0].tolist())
 
 
-def lifted_nodes(nodes: Sequence[Node], before: Sequence[Node], depth: DepthPicture | None) -> tuple[Node, ...] | None:
+def lifted_nodes(nodes: Sequence[Node], depth: DepthPicture | None) -> tuple[Node, ...] | None:
     """Return tracked nodes with their places in space, or None where the depth of one is not known.
-
-    A plane is taken to stay where it was: the picture of its outline does not tell.
 
     Args:
         nodes: where flow leads them.
-        before: the same nodes in the frame before, with their places in space.
         depth: of the frame.
     """
+    if depth is None:
+        return None
     lifted = []
-    for node, last in zip(nodes, before, strict=True):
-        if node.node_type is NodeType.PLANE:
-            lifted.append(replace(node, space=last.space, space_covariance=last.space_covariance))
-            continue
-        if depth is None:
-            return None
+    for node in nodes:
         space, covariance = lift(node.node_type, np.array([node.coordinates], np.float32), depth)
         if not np.isfinite(space).all():
             return None

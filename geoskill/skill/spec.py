@@ -34,6 +34,8 @@ from geoskill.schema import as_plain, settings_of
 from geoskill.skill.plain import mapping_of, text_of
 
 FORMAT = 4
+# Taken where none is named that describes the type.
+ONLY_DESCRIPTOR = {NodeType.PLANE: "planes", NodeType.CONIC: "conics"}
 MAX_PARTS = 64
 """Members, and extractors, of one skill."""
 
@@ -217,6 +219,9 @@ def plan_skill(kernel: object, descriptor: object, model: object, features: Feat
         part = Part.of(KERNELS, kernel_name, kernel_arguments)
         choices = []
         for node_type in node_types(_build(KERNELS, part)):
+            usual = ONLY_DESCRIPTOR.get(node_type)
+            if usual is not None and node_type not in node_type_of.values():
+                described[usual], node_type_of[usual] = Part.of(EXTRACTORS, usual, {}), node_type
             fitting = [name for name, kind in node_type_of.items() if kind is node_type]
             if not fitting:
                 known = ", ".join(f"{name} describes a {kind}" for name, kind in node_type_of.items())

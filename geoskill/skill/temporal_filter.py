@@ -116,8 +116,8 @@ class TemporalFilter:
             scored = scored.penalized(self._co_moving(scored), self._config.co_motion_penalty * score_std)
             last = self._selected.pop(name, None)
             tracked = None if last is None else self._track(last.association.nodes, gray)
-            if tracked is not None and last is not None and scored.member.kernel.in_space:
-                tracked = lifted_nodes(tracked, last.association.nodes, depth)
+            if tracked is not None and scored.member.kernel.in_space:
+                tracked = lifted_nodes(tracked, depth)
             best = scored.associations(scored.best(self.skill.top_k), self._axes.get(name))
             selected = self._keep(last, tracked, scored, score_std, bool(best) and best[0].is_at_goal, gray)
             if selected is None and best:

@@ -9,6 +9,8 @@ from geoskill.geometry.primitives import NodeType
 SIDE_PX = 15
 # Positions of the patches on a segment, as fractions of its length.
 SEGMENT_FRACTIONS = (0.25, 0.5, 0.75)
+# Of the patches of an outline or an ellipse beside that at its center: the way from there to its corners.
+OUTLINE_SHARE = 0.5
 # Smallest correlation of two patches of the same surface (docs/experiments/switches.md).
 MIN_CORRELATION = 0.85
 
@@ -16,7 +18,7 @@ MIN_CORRELATION = 0.85
 def patches_at(
     picture: UInt8[np.ndarray, "height width"], node_type: NodeType, coordinates: tuple[float, ...]
 ) -> Float32[np.ndarray, "p side side"]:
-    """Return the patch of a gray picture at a point, or those at three points of a segment.
+    """Return the patch of a gray picture at a point, those at three points of a segment, or five within an outline.
 
     Args:
         picture: gray; its border is repeated outside.
@@ -26,6 +28,9 @@ def patches_at(
     ends = np.reshape(coordinates, (-1, 2))
     if node_type is NodeType.POINT:
         positions = list(ends)
+    elif node_type is not NodeType.LINE:
+        middle = ends.mean(axis=0)
+        positions = [middle, *(middle + OUTLINE_SHARE * (ends - middle))]
     else:
         positions = [ends[0] + fraction * (ends[1] - ends[0]) for fraction in SEGMENT_FRACTIONS]
     patches = [cv2.getRectSubPix(picture, (SIDE_PX, SIDE_PX), (float(x), float(y))) for x, y in positions]

@@ -20,6 +20,9 @@ from geoskill.geometry.sampling import resized, sample_bilinear
 
 # Points tracked on a segment, from end to end; more than half of them must be tracked.
 SAMPLES_PER_SEGMENT = 7
+# Points tracked within the outline of a plane, along either side, and on an ellipse; likewise.
+OUTLINE_SIDE = 5
+SAMPLES_PER_CONIC = 16
 # Largest distance in pixels between a point and its return.
 TOLERANCE_PX = 1.0
 # Larger pictures are reduced to this shorter side; the flow is accurate to a fraction of a reduced pixel.
@@ -181,9 +184,8 @@ def _track(
     if node_type is NodeType.POINT:
         moved, tracked = track_points(geometry)
         return np.where(tracked[:, None], moved, geometry), tracked
-    ends = geometry.reshape(-1, 2, 2)
-    fraction = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT, dtype=np.float32)[None, :, None]
-    samples = ends[:, :1] + fraction * (ends[:, 1:] - ends[:, :1])
+    ends = geometry.reshape(len(geometry), -1, 2)
+    samples = np.einsum("se,nex->nsx", _sample_weights(node_type), ends).astype(np.float32)
     moved, tracked = track_points(samples.reshape(-1, 2))
     return _refit_segments(ends, samples, moved.reshape(samples.shape), tracked.reshape(samples.shape[:2]))
 
@@ -204,15 +206,15 @@ def _track_points_dense(
 
 
 def _refit_segments(
-    ends: Float32[np.ndarray, "n 2 2"],
+    ends: Float32[np.ndarray, "n e 2"],
     samples: Float32[np.ndarray, "n s 2"],
     moved: Float32[np.ndarray, "n s 2"],
     tracked: Bool[np.ndarray, "n s"],
-) -> tuple[Float32[np.ndarray, "n 4"], Bool[np.ndarray, " n"]]:
-    """Apply to each segment the rigid motion (rotation and shift, least squares) of its tracked samples."""
+) -> tuple[Float32[np.ndarray, "n g"], Bool[np.ndarray, " n"]]:
+    """Apply to each feature the rigid motion (rotation and shift, least squares) of its tracked samples."""
     weight = tracked.astype(np.float32)
     total = weight.sum(axis=1)
-    enough = total >= SAMPLES_PER_SEGMENT // 2 + 1
+    enough = total >= samples.shape[1] // 2 + 1
     share = (weight / np.maximum(total, 1.0)[:, None])[:, :, None]
     center_before, center_after = (samples * share).sum(axis=1), (moved * share).sum(axis=1)
     before, after = samples - center_before[:, None], moved - center_after[:, None]
@@ -221,5 +223,20 @@ def _refit_segments(
     angle = np.arctan2(sine, cosine)
     rotation = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(-1, 2, 2)
     shifted = np.einsum("nij,nkj->nki", rotation, ends - center_before[:, None]) + center_after[:, None]
-    geometry = np.where(enough[:, None, None], shifted, ends).reshape(-1, 4).astype(np.float32)
+    geometry = np.where(enough[:, None, None], shifted, ends).reshape(len(ends), -1).astype(np.float32)
     return geometry, enough
+
+
+def _sample_weights(node_type: NodeType) -> Float32[np.ndarray, "s e"]:
+    """Return the points that are tracked on a feature, as weights of the points that it is made of."""
+    if node_type is NodeType.LINE:
+        share = np.linspace(0.0, 1.0, SAMPLES_PER_SEGMENT)
+        weights = np.stack([1 - share, share], axis=1)
+    elif node_type is NodeType.PLANE:  # inside of its outline, which holds others too
+        x, y = (own.ravel() for own in np.meshgrid(*[np.linspace(0.2, 0.8, OUTLINE_SIDE)] * 2))
+        weights = np.stack([(1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y], axis=1)
+    else:  # on an ellipse: center + cos u + sin v, with u and v half the diameters
+        angle = np.arange(SAMPLES_PER_CONIC) * (2 * np.pi / SAMPLES_PER_CONIC)
+        u, v = np.cos(angle) / 2, np.sin(angle) / 2
+        weights = 0.25 + np.stack([u, -u, v, -v], axis=1)
+    return weights.astype(np.float32)

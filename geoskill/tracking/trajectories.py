@@ -143,7 +143,7 @@ def _distances(
     positions = centers(tracked)[:, None]
     if node_type is NodeType.LINE:
         return distance_to_segment(positions, detected[None])
-    distances: np.ndarray = np.linalg.norm(positions - detected[None], axis=2)
+    distances: np.ndarray = np.linalg.norm(positions - centers(detected)[None], axis=2)
     return distances
 
 

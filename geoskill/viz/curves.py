@@ -38,7 +38,7 @@ _TRAINING_PANELS = (
     _Panel("objective", "objective"),
     _Panel("reward", "reward"),
     _Panel("rsw", "RSW [%]", factor=100.0, logarithmic=True),
-    _Panel("error", r"$E_c$ [px]"),
+    _Panel("error", r"$E_c$ [px, m]"),
 )
 
 
@@ -135,7 +135,7 @@ def inference_figure(rows: Sequence[tuple[int, str, float, float]]) -> Figure:
         errors[member] = (np.asarray(frames, np.float64), values[:, 1])
     _draw_curves(error_axes, errors, members)
     _draw_curves(confidence_axes, confidences, members)
-    error_axes.set_ylabel(r"control error $\|E\|$ [px]")
+    error_axes.set_ylabel(r"control error $\|E\|$ [px, m]")
     error_axes.set_ylim(bottom=0.0)
     confidence_axes.set_ylabel("confidence")
     confidence_axes.set_ylim(0.0, 1.03)

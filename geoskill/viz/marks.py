@@ -42,7 +42,17 @@ def draw_feature(
         if node_type is NodeType.POINT:
             draw_disc(canvas, scale.enlarged(xy)[0], 2.6 * scale.unit, color, width)
         else:
-            draw_polyline(canvas, scale.enlarged(xy), color, width)
+            outline = scale.enlarged(_outline(node_type, xy))
+            draw_polyline(canvas, outline, color, width, closed=node_type is not NodeType.LINE)
+
+
+def _outline(node_type: NodeType, xy: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "q 2"]:
+    """Return the points to draw of a segment, of the outline of a plane, or of an ellipse given by two diameters."""
+    if node_type is not NodeType.CONIC:
+        return xy
+    angle = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)[:, None]
+    around: np.ndarray = np.cos(angle) * (xy[0] - xy[1]) / 2 + np.sin(angle) * (xy[2] - xy[3]) / 2
+    return xy.mean(axis=0) + around
 
 
 def draw_association(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, association: Association) -> None:
@@ -84,9 +94,10 @@ def draw_node(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, node: Node, colo
         for pen, reach in ((CASING, edge), (color, 0), (core, -1.6 * edge)):
             draw_disc(canvas, xy[0], radius + reach, pen)
     else:
-        outer = width + 2 * edge
+        outer, closed = width + 2 * edge, node.node_type is not NodeType.LINE
+        xy = _outline(node.node_type, xy)
         for pen, thickness in ((CASING, outer + 2 * edge), (color, outer), (core, max(1, outer - 3 * edge))):
-            draw_polyline(canvas, xy, pen, thickness)
+            draw_polyline(canvas, xy, pen, thickness, closed)
 
 
 def draw_cross(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, center: Float[np.ndarray, " 2"], color: Color) -> None:

@@ -70,7 +70,7 @@ def test_errors_in_space_are_those_of_the_picture_at_one_depth(demonstration_fra
         assert changes.isfinite().all()
 
 
-@pytest.mark.parametrize("kernel", ["p2p3", "p2l3", "l2l3", "par3"])
+@pytest.mark.parametrize("kernel", ["p2p3", "p2l3", "l2l3", "par3", "copl", "copl2", "p2pl"])
 def test_transition_of_a_kernel_in_space_has_negatives_with_depth(
     kernel: str, demonstration_frames: tuple[np.ndarray, ...]
 ) -> None:

@@ -55,5 +55,5 @@ def test_impossible_factors_are_refused(factors: tuple[float, float]) -> None:
 
 
 def test_rows_of_other_widths_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"shape \(1, 3\); expected \[n, 2\] or \[n, 4\]"):
+    with pytest.raises(ValueError, match=r"shape \(1, 3\); expected x and y in turn"):
         rescale_points(np.zeros((1, 3)), 1.0, 1.0)

@@ -32,7 +32,7 @@ def kernels_of(stem: str) -> list[type[Kernel]]:
 
 
 def test_built_in_kernels_exist() -> None:
-    assert {"p2p", "p2l", "l2l", "par", "p2p3", "p2l3", "l2l3", "par3"} <= set(STEMS)
+    assert {"p2p", "p2l", "l2l", "par", "p2p3", "p2l3", "l2l3", "par3", "p2pl", "copl", "copl2", "p2c"} <= set(STEMS)
 
 
 @pytest.mark.parametrize("stem", STEMS)

@@ -98,3 +98,21 @@ def test_find_feature_takes_the_first_of_equally_near_ones() -> None:
     assert find_feature(point(5, 5), np.zeros((0, 2), np.float32)) is None
     # The nearest midpoint belongs to a line in another direction.
     assert find_feature(line(0, 0, 10, 0), np.array([[5, -5, 5, 5], [2, 0, 12, 0]], np.float32)) == 1
+
+
+@pytest.mark.parametrize(
+    ("node_type", "shift", "same"),
+    [(NodeType.PLANE, 8, True), (NodeType.PLANE, 20, False), (NodeType.CONIC, 4, True), (NodeType.CONIC, 8, False)],
+)
+def test_outlines_and_ellipses_are_the_same_within_a_share_of_their_size(
+    node_type: NodeType, shift: float, same: bool
+) -> None:
+    first = (60.0, 40.0, 100.0, 40.0, 100.0, 80.0, 60.0, 80.0)
+    if node_type is NodeType.CONIC:
+        first = (100.0, 60.0, 60.0, 60.0, 80.0, 75.0, 80.0, 45.0)
+    moved = tuple(value + shift * (place % 2 == 0) for place, value in enumerate(first))
+    assert is_same_feature(Node(node_type, first), Node(node_type, moved)) is same
+    larger = tuple(
+        80 + 3 * (value - 80) if place % 2 == 0 else 60 + 3 * (value - 60) for place, value in enumerate(first)
+    )
+    assert not is_same_feature(Node(node_type, first), Node(node_type, larger))

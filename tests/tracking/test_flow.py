@@ -301,3 +301,19 @@ def test_lucas_kanade_moves_points_and_checks_the_return(texture: np.ndarray, po
     np.testing.assert_allclose(moved, points + np.array([5.3, -3.7]), rtol=0, atol=SUBPIXEL)
     assert not lucas_kanade(points, start, end, tolerance_px=-1.0)[1].any()
     np.testing.assert_array_equal(track_sparse(POINT, points, start, end)[0], moved)
+
+
+@pytest.mark.parametrize("node_type", [NodeType.PLANE, NodeType.CONIC])
+def test_outlines_and_ellipses_move_with_what_they_show(node_type: NodeType) -> None:
+    random = np.random.default_rng(0)
+    picture = cv2.GaussianBlur(random.integers(0, 256, (120, 160, 3), np.uint8), (0, 0), 2.0)
+    picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
+    turn = cv2.getRotationMatrix2D((80.0, 60.0), 4.0, 1.0) + np.array([[0, 0, 3.0], [0, 0, -2.0]])
+    moved_picture = cv2.warpAffine(picture, turn, (160, 120), borderMode=cv2.BORDER_REFLECT)
+    geometry = np.array([[60, 40, 100, 40, 100, 80, 60, 80]], np.float32)
+    if node_type is NodeType.CONIC:
+        geometry = np.array([[100, 60, 60, 60, 80, 75, 80, 45]], np.float32)
+    moved, tracked = track_between(node_type, geometry, picture, moved_picture)
+    expected = geometry.reshape(-1, 2) @ turn[:, :2].T + turn[:, 2]
+    assert tracked.all()
+    np.testing.assert_allclose(moved.reshape(-1, 2), expected, atol=0.5)
