@@ -51,8 +51,8 @@ def _outline(node_type: NodeType, xy: Float[np.ndarray, "p 2"]) -> Float[np.ndar
     if node_type is not NodeType.CONIC:
         return xy
     angle = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)[:, None]
-    around: np.ndarray = np.cos(angle) * (xy[0] - xy[1]) / 2 + np.sin(angle) * (xy[2] - xy[3]) / 2
-    return xy.mean(axis=0) + around
+    around = np.cos(angle) * (xy[0] - xy[1]) / 2 + np.sin(angle) * (xy[2] - xy[3]) / 2
+    return np.asarray(xy.mean(axis=0) + around)
 
 
 def draw_association(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, association: Association) -> None:

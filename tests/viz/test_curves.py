@@ -50,7 +50,7 @@ def test_training_figure_draws_the_table(table: Path) -> None:
     assert drawn(reward) == {"p2p_sift": ([0], [0.1])}
     assert drawn(rsw) == {"p2p_sift": ([0, 20], [90.0, 1.0]), "l2l_lbd": ([0, 20], [50.0, 25.0])}
     assert drawn(error) == {"p2p_sift": ([0, 20], [100.0, 50.0])}
-    assert [axes.get_ylabel() for axes in figure.axes] == ["objective", "reward", "RSW [%]", "$E_c$ [px]"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["objective", "reward", "RSW [%]", "$E_c$ [px, m]"]
     assert [axes.get_yscale() for axes in figure.axes] == ["linear", "linear", "log", "linear"]
     assert legend(figure) == ["p2p_sift", "l2l_lbd"]
 
