@@ -107,12 +107,15 @@ class Goal:
         error: goal error, in the unit of the kernel's error.
         std: standard deviation of each component, from noise of detection of all nodes.
         tolerance: norm of the goal error up to which an association is at its goal, as learned from the demonstration.
+        space: place of each moving node at the goal in meters, None for a resting node; empty for a kernel that is not
+            in space, for which nodes may be None that are not shown.
     """
 
     nodes: tuple[tuple[float, ...] | None, ...]
     error: tuple[float, ...]
     std: tuple[float, ...]
     tolerance: float = 0.0
+    space: tuple[tuple[float, ...] | None, ...] = ()
 
 
 @final

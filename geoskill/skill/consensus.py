@@ -47,12 +47,14 @@ class Consensus:
 def consensus(kernel: Kernel, listed: Sequence[Association]) -> Consensus | None:
     """Return what the goal errors of a member's associations agree on, or None with fewer than two of them.
 
+    It is told in pixels: None for a kernel in space.
+
     Args:
         kernel: of the member; the unit of its error need not be pixels.
         listed: its associations in a frame, of any rank.
     """
     known = [association for association in listed if association.goal is not None]
-    if len(known) < 2:
+    if len(known) < 2 or kernel.in_space:
         return None
     errors = np.array([association.goal.error for association in known if association.goal is not None])
     noise = np.array([np.linalg.norm(association.goal.std) for association in known if association.goal is not None])

@@ -83,8 +83,6 @@ class GoalFinder:
         """Return where the moving nodes of an association belong, or None where that cannot be told."""
         if not self._reference.is_fitted or len(self._reference.moving) != len(features):
             return None
-        if self._member.kernel.in_space:
-            return None
         moving = self._reference.moving.tolist()
         resting = moving.index(False)
         if features[resting] not in self._maps:

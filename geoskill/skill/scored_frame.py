@@ -10,15 +10,17 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.geometry.primitives import NodeType
 from geoskill.geometry.uncertainty import propagated_std
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
 from geoskill.kernels.kernel import automorphisms, directed_nodes, turned_lines
 from geoskill.model.confidence import confidences
 from geoskill.model.kernel_model import KernelModel
-from geoskill.skill.association import Association, InferenceResult, Node, NodeRole
+from geoskill.skill.association import Association, Goal, InferenceResult, Node, NodeRole
 from geoskill.skill.consensus import consensus
 from geoskill.skill.goal import GoalFinder
+from geoskill.skill.goal_in_space import SpaceGoalFinder
 from geoskill.skill.member_status import MemberStatus, State
 
 
@@ -33,6 +35,7 @@ class ScoredInstances:
         graph: graph of the frame.
         scores: ``[m]``, score b of every instance.
         select_out: ``[m]``, select-out g of every instance, the softmax of b.
+        camera: intrinsics of the frame, for members in space; None where their goals need not be shown.
     """
 
     name: str
@@ -40,6 +43,7 @@ class ScoredInstances:
     graph: MotifGraph
     scores: Float[Tensor, " m"]
     select_out: Float[Tensor, " m"]
+    camera: DepthCamera | None = None
 
     def __len__(self) -> int:
         return len(self.scores)
@@ -60,9 +64,19 @@ class ScoredInstances:
         return replace(self, scores=scores, select_out=torch.softmax(scores, dim=0))
 
     @cached_property
-    def goals(self) -> GoalFinder:
-        """Goals of the associations."""
+    def _goal_finder(self) -> GoalFinder:
         return GoalFinder(self.member, self.graph)
+
+    @cached_property
+    def _space_goal_finder(self) -> SpaceGoalFinder:
+        return SpaceGoalFinder(self.member, self.graph, self.camera)
+
+    def _goals(
+        self, features: Sequence[Sequence[int]], nodes: Sequence[Sequence[Node]], axis: Float[Tensor, "2"]
+    ) -> list[Goal | None]:
+        if self.member.kernel.in_space:
+            return self._space_goal_finder.goals(features, nodes)
+        return self._goal_finder.goals(features, nodes, axis)
 
     def find(self, features: Sequence[int]) -> int | None:
         """Return the instance that joins these features, or None.
@@ -127,7 +141,7 @@ class ScoredInstances:
             node_lists,
             errors.tolist(),
             propagated_std(kernel.control_error, places, covariances).tolist(),
-            self.goals.goals(index.T.tolist(), node_lists, axis),
+            self._goals(index.T.tolist(), node_lists, axis),
             strict=True,
         )
         return [

@@ -176,7 +176,8 @@ class Skill:
             graph = motif_graph(member.kernel, {kind: features[name] for kind, name in member.extractors.items()})
             graph = graph.to(next(member.parameters()).device)
             scores = member(graph) if graph.instance_index.shape[1] else torch.zeros(0)
-            members[name] = ScoredInstances(name, member, graph, scores, torch.softmax(scores, dim=0))
+            camera = None if depth is None else depth.camera
+            members[name] = ScoredInstances(name, member, graph, scores, torch.softmax(scores, dim=0), camera)
         return ScoredFrame(features, members)
 
 

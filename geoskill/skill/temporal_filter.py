@@ -37,6 +37,7 @@ from geoskill.kernels.kernel import reference_line
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node, track_nodes
 from geoskill.skill.goal import goals_of
+from geoskill.skill.goal_in_space import moved_goal
 from geoskill.skill.matching import find_feature
 from geoskill.skill.node_errors import error_of_nodes, lifted_nodes
 from geoskill.skill.scored_frame import ScoredInstances
@@ -233,7 +234,9 @@ def _moved(
     """Return an association whose nodes are where flow tracked them; its goal moves along with a resting node."""
     error, std = error_of_nodes(member.kernel, nodes)
     goal = association.goal
-    if goal is not None:
+    if goal is not None and member.kernel.in_space:
+        goal = moved_goal(member, goal, association.nodes, nodes)
+    elif goal is not None:
         resting = goal.nodes.index(None)
         shift = np.subtract(nodes[resting].center, association.nodes[resting].center)
         places = [place and tuple(np.reshape(np.reshape(place, (-1, 2)) + shift, -1).tolist()) for place in goal.nodes]

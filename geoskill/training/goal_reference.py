@@ -14,8 +14,10 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.goal import goals_of
+from geoskill.skill.goal_in_space import goal_in_space
 from geoskill.skill.matching import TOLERANCE_PX
 from geoskill.skill.scored_frame import ScoredInstances
+from geoskill.training.goal_in_space import fit_goal_in_space
 from geoskill.training.selected_frames import SelectedFrame, selected_frames
 
 MAX_STORED: Final = 256
@@ -63,6 +65,10 @@ def _fit(name: str, member: KernelModel, frames: Sequence[SelectedFrame], last: 
         return
     resting = int((~moving).nonzero()[0])
     similar = {kind: _similar(kind, last) for kind in member.node_types}
+    if member.kernel.in_space:
+        if fit_goal_in_space(member, moving, frames, similar):
+            member.goal.set_tolerance(_tolerance(name, member, last))
+        return
     nodes = [
         _stored_node(kind, node, frames, last, bool(moving[node]), similar[kind])
         for node, kind in enumerate(member.kernel.roles)
@@ -234,11 +240,17 @@ def _tolerance(name: str, member: KernelModel, last: Sequence[MotifGraph]) -> fl
         association = scored.association(instance, features)
         goal = association.goal
         if goal is not None:
-            ends = [
-                tuple(frame.graph[f"{kind}_final_xy"][row].tolist()) if moves else None
+            end = "final_space" if member.kernel.in_space else "final_xy"
+            ends = tuple(
+                tuple(frame.graph[f"{kind}_{end}"][row].tolist()) if moves else None
                 for kind, row, moves in zip(member.kernel.roles, features, member.goal.moving.tolist(), strict=True)
-            ]
-            (followed,) = goals_of(member, [association.nodes], [tuple(ends)], member.reference_axis)
+            )
+            if member.kernel.in_space:
+                followed = goal_in_space(member, association.nodes, ends)
+            else:
+                (followed,) = goals_of(member, [association.nodes], [ends], member.reference_axis)
+            if not np.isfinite(followed.error).all():
+                continue
             norms.append(float(np.linalg.norm(np.subtract(goal.error, followed.error))))
             noises.append(float(np.linalg.norm(goal.std)))
     resolved = NOISE_FACTOR * member.kernel.resolution / 2
