@@ -8,6 +8,7 @@ from torch import Tensor
 from geoskill.config import MODELS
 from geoskill.errors import InputError, shown
 from geoskill.features.pipeline import FeaturePipeline
+from geoskill.kernels.kernel import node_dim
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.spec import SkillSpec, build_skill
 
@@ -72,7 +73,7 @@ def _require_goal(
     kinds |= {f"{kind}_{group}": kind for kind in member.node_types for group in ("resting", "carried")}
     for prefix, kind in kinds.items():
         descriptors, ends = (weights[f"{GOAL}{prefix}_{part}"] for part in ("descriptor", "end"))
-        widths = pipelines[member.extractors[kind]].descriptor_dim, kind.geometry_dim
+        widths = pipelines[member.extractors[kind]].descriptor_dim, node_dim(member.kernel, kind)
         if len(descriptors) != len(ends) or (len(ends) and (descriptors.shape[1], ends.shape[1]) != widths):
             raise _misfit(
                 f"{name}.{GOAL}{prefix} is {shown(list(descriptors.shape))} and {shown(list(ends.shape))}; expected as"

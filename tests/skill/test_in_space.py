@@ -1,14 +1,17 @@
 """A skill with members in space, from a picture with depth to associations in meters."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
 from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.geometry.depth_picture import DepthPicture
+from geoskill.geometry.primitives import NodeType
 from geoskill.skill.checkpoint import Provenance
 from geoskill.skill.skill import Skill
 from geoskill.skill.spec import build_skill, plan_skill
@@ -74,3 +77,27 @@ def test_depth_that_is_missing_or_of_another_size_is_named(
         skill.infer(picture)
     with pytest.raises(InputError, match=r"^the depth is 80x60 pixels; expected 160x120, as the frame$"):
         skill.infer(picture, depth=flat_depth(picture[::2, ::2], 0.8))
+
+
+def test_skill_in_space_is_loaded_as_it_was_saved(
+    skill_in_space: Skill, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
+) -> None:
+    picture = demonstration_frames[0]
+    depth = flat_depth(picture, 0.8)
+    before = skill_in_space.infer(picture, depth=depth)
+    member = skill_in_space.members["p2p3_sift"]
+    points = before.features["sift"]
+    descriptors, places = torch.from_numpy(points.descriptors), torch.from_numpy(points.space)
+    nothing = {NodeType.POINT: (descriptors[:0], places[:0])}
+    member.goal.fit(
+        torch.tensor([True, False]),
+        [(descriptors[:3], places[:3]), (descriptors[3:6], places[3:6])],
+        {NodeType.POINT: (descriptors, places)},
+        nothing,
+        {NodeType.POINT: 0.5},
+    )
+    skill_in_space.save(tmp_path / "skill.ckpt")
+    loaded = Skill.load(tmp_path / "skill.ckpt")
+    assert torch.equal(loaded.members["p2p3_sift"].goal.node(0)[1], places[:3])
+    after = loaded.infer(picture, depth=depth)
+    assert [own.error for own in after.associations] == [own.error for own in before.associations]
