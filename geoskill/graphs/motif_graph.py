@@ -30,11 +30,11 @@ class MotifGraph(Data):  # type: ignore[misc]  # PyTorch Geometric's classes hav
         T_count: ``[1]``, the number of features; in a batch, that of each frame.
         T_descriptor: ``[n_T, D_T]``, unit norm.
         T_geometry: ``[n_T, g]``, pixels.
-        T_space, T_space_covariance: ``[n_T, s]`` in meters and ``[n_T, s, s]``, NaN where the depth is not known, where
-            the features were lifted.
-        T_next_geometry, T_tracked: the :class:`Displacement`, in training only; with depth, T_next_space.
-        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known, T_part: the :class:`Trajectory`, in training only;
-            with depth, T_anchor_space and T_final_space.
+        T_space: ``[n_T, s]``, meters; NaN where the depth is not known. Only where features were lifted, as below.
+        T_space_covariance: ``[n_T, s, s]``, square meters.
+        T_next_geometry, T_tracked, T_next_space: the :class:`Displacement`, in training only.
+        T_anchor_xy, T_first_known_anchor, T_final_xy, T_final_known, T_part: the :class:`Trajectory`, in training only.
+        T_anchor_space, T_final_space: the same in space.
 
     And for the instances, unless the graph has none yet (:func:`feature_graph`):
         instance_index: ``[k, m]``; row ``r`` indexes the nodes of type ``roles[r]``.
