@@ -98,6 +98,7 @@ class TaskDefinition:
         num_associated = len(history.errors)
         tenth = max(1, num_associated // 10)
         groups = sorted(history.groups, key=lambda group: -group.frames)
+        digits = 6 if member.kernel.unit == "m" else 3
         return {
             "kernel": member.kernel.name,
             "meaning": member.kernel.meaning,
@@ -105,14 +106,14 @@ class TaskDefinition:
             "error_rows": list(MemberStatus.lost(name, member).rows),
             "unit": member.kernel.unit,
             "learned": None if member.evidence is None else member.evidence.as_plain(),
-            "goal_tolerance": round(float(member.goal.tolerance), 3) if member.goal.is_fitted else None,
+            "goal_tolerance": round(float(member.goal.tolerance), digits) if member.goal.is_fitted else None,
             "constrains": constrained_freedom(member.kernel) if num_associated else 0,
             "frames": history.frames,
             "frames_with_association": num_associated,
             "mean_confidence": round(float(np.mean(history.confidences)), 4) if num_associated else None,
             "error_norm": {
-                "at_start": round(float(np.median(history.errors[:tenth])), 3) if num_associated else None,
-                "at_end": round(float(np.median(history.errors[-tenth:])), 3) if num_associated else None,
+                "at_start": round(float(np.median(history.errors[:tenth])), digits) if num_associated else None,
+                "at_end": round(float(np.median(history.errors[-tenth:])), digits) if num_associated else None,
             },
             "associations": [
                 {

@@ -91,12 +91,13 @@ def _lines_of(block: Block) -> list[tuple[str, Color]]:
     if not block.associations:
         return [*lines, ("no instance", INK)]
     top = block.associations[0]
-    unit = f" {top.unit}".rstrip()
-    lines.append((f"|E| {_decimals(math.hypot(*top.error))}{unit}", INK))
-    if len(top.error) > 1:
-        lines.append((f"E {' '.join(_decimals(component, '+') for component in top.error)}", INK))
+    shown, factor = ("mm", 1e3) if top.unit == "m" else (top.unit, 1.0)
+    unit, error = f" {shown}".rstrip(), [factor * component for component in top.error]
+    lines.append((f"|E| {_decimals(math.hypot(*error))}{unit}", INK))
+    if len(error) > 1:
+        lines.append((f"E {' '.join(_decimals(component, '+') for component in error)}", INK))
     if top.goal is not None:
-        lines.append((f"to go {_decimals(math.hypot(*top.goal.error))}{unit}", INK))
+        lines.append((f"to go {_decimals(factor * math.hypot(*top.goal.error))}{unit}", INK))
     return lines
 
 

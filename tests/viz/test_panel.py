@@ -35,7 +35,7 @@ def association(rank: int = 1, unit: str = "px") -> Association:
     return Association("par_lbd", "par", "lbd", rank, 0.9, 0.9, nodes, (0.5,), unit)
 
 
-@pytest.mark.parametrize(("unit", "norm"), [("", "|E| 0.50"), ("px", "|E| 0.50 px")])
+@pytest.mark.parametrize(("unit", "norm"), [("", "|E| 0.50"), ("px", "|E| 0.50 px"), ("m", "|E| 500.0 mm")])
 def test_panel_prints_error_with_its_unit(printed: list[str], unit: str, norm: str) -> None:
     draw_panel(*SIZE, SCALE, [Block("par lbd", [association(unit=unit)])], "frame 0", "", [])
     assert [text for text in printed if text.startswith("|E|")] == [norm]
