@@ -39,7 +39,7 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         required("regions", config.regions.path, "a file or folder of labeled regions")
     with quiet_libraries():
         store = open_disk_cache(config.cache)
-        skill = load_skill(config.skill, config.device, config.precision, store)
+        skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
         sequence = _sequence(config, run, skill, store)
         assert sequence.labels is not None
         metrics, rows = score(skill, sequence.frames, sequence.labels, config.every, config.inference)

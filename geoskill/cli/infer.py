@@ -24,7 +24,8 @@ def infer(config: InferCommandConfig, run: Run) -> None:
     with quiet_libraries():
         threads = use_threads(config.threads)
         video = required("video", config.video, "a video file, a folder of images or a camera's number")
-        skill = load_skill(config.skill, config.device, config.precision, open_disk_cache(config.cache))
+        store = open_disk_cache(config.cache)
+        skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
         source = open_frames(str(video), config.frame_rate)
         infer_next = selection(skill, config.inference)
         write_inference(skill, infer_next, source, source, run.folder, config.inference.min_drawn_weight, {}, threads)

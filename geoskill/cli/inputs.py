@@ -58,11 +58,18 @@ def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
     return source
 
 
-def load_skill(reference: str | None, device: str, precision: str | None, store: DiskCache | None) -> Skill:
-    """Load the skill of ``skill=``.
+def load_skill(
+    reference: str | None,
+    device: str,
+    precision: str | None,
+    store: DiskCache | None,
+    definition: str | None = None,
+) -> Skill:
+    """Load the skill of ``skill=``, which obeys the edited definition of ``definition=``.
 
     Raises:
-        InputError: when there is no such skill, or the device cannot be used.
+        InputError: when there is no such skill, the device cannot be used, or the definition has an edit that cannot be
+            made.
     """
     path = required("skill", reference, "the skill.ckpt of a training run, or its folder")
     try:
@@ -70,7 +77,7 @@ def load_skill(reference: str | None, device: str, precision: str | None, store:
     except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without that device
         raise InputError(f"device={device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
     cache = None if store is None else FeatureCache(store)
-    return Skill.load(path, device=device, cache=cache, precision=precision)
+    return Skill.load(path, device=device, cache=cache, precision=precision, definition=definition)
 
 
 def use_threads(threads: int | None) -> int:

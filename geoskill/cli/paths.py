@@ -18,6 +18,7 @@ PATH_KEYS = (
     "video",
     "regions.path",
     "skill",
+    "definition",
     "ckpt_path",
     "init_from",
     "cache.folder",

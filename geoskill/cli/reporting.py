@@ -19,8 +19,10 @@ from geoskill.io.prefetch import prefetch_map
 from geoskill.io.sources import is_live
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
-from geoskill.skill.definition import TaskDefinition
+from geoskill.skill.definition import FOLDER, TaskDefinition
+from geoskill.skill.definition_edit import EDITING
 from geoskill.skill.skill import Skill
+from geoskill.viz.crops import draw_crop, write_picture
 from geoskill.viz.curves import plot_inference
 from geoskill.viz.overlay import draw_overlay
 from geoskill.viz.strip import ErrorHistory
@@ -117,7 +119,7 @@ class _Results:
 
     def add(self, frame: Frame, result: InferenceResult) -> None:
         """Take in what was selected in a frame."""
-        self._definition.add(frame.index, result)
+        self._definition.add(frame.index, result, frame.image)
         for association in result.associations:
             if association.rank == 1:
                 norm = float(np.linalg.norm(association.error))
@@ -133,8 +135,12 @@ class _Results:
             "mean_confidence": float(np.mean([row[2] for row in self._history])) if self._history else None,
         }
         summary = {**own, **metrics, **own}
+        (folder / FOLDER).mkdir(exist_ok=True)
+        for path, crop, node in self._definition.pictures():
+            write_picture(folder / path, draw_crop(crop, node))
         described = {"source": self._source, **self._definition.as_dict()}
         with atomic_open(folder / "skill.yaml") as file:
+            file.write(EDITING)
             yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
         with atomic_open(folder / "metrics.json") as file:
             json.dump(summary, file, indent=2)

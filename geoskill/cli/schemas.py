@@ -107,6 +107,10 @@ def _debug() -> Any:
     return setting(False, "Show the traceback of an error.")
 
 
+def _definition() -> Any:
+    return setting(None, "An edited copy of the skill's skill.yaml, which is obeyed.")
+
+
 def _precision() -> Any:
     return setting(None, "Precision of the messages; null: that of the training.", choices=("float32", "bfloat16"))
 
@@ -135,6 +139,7 @@ class InferCommandConfig(Config):
     """`infer.py`: select associations on every frame of a video, a folder or a camera."""
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
+    definition: str | None = _definition()
     video: Any = setting(None, "A video file, a folder of images, the number of a camera, or a URL.")
     frame_rate: float | None = _frame_rate()
     inference: SelectionConfig = field(default_factory=SelectionConfig)
@@ -153,6 +158,7 @@ class EvaluateCommandConfig(Config):
     """`evaluate.py`: score a skill on labeled frames, or on a simulated recording."""
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
+    definition: str | None = _definition()
     video: Any = setting(None, "A labeled video file or folder of images.")
     regions: RegionsConfig = field(default_factory=RegionsConfig)
     frame_rate: float | None = _frame_rate()

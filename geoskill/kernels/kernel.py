@@ -21,6 +21,7 @@ class Kernel(ABC):
     Attributes:
         name: the word on the command line and in files.
         meaning: what the association says, for the readable definition of a skill.
+        leaves_free: motions that it leaves free when it holds in space, for the same; empty where that is not said.
         roles: the type of each of its ``k`` nodes.
         edges: undirected edges between nodes, every edge once.
         error_dim: length ``d`` of the control error.
@@ -35,6 +36,7 @@ class Kernel(ABC):
 
     name: ClassVar[str]
     meaning: ClassVar[str]
+    leaves_free: ClassVar[str] = ""
     roles: ClassVar[tuple[NodeType, ...]]
     edges: ClassVar[tuple[tuple[int, int], ...]]
     error_dim: ClassVar[int]

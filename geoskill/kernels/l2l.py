@@ -18,6 +18,7 @@ class LineToLine(Kernel):
 
     name: ClassVar[str] = "l2l"
     meaning: ClassVar[str] = "one line comes to lie on another"
+    leaves_free: ClassVar[str] = "motion along the line, and turns about it"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("start", "end")

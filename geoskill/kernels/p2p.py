@@ -18,6 +18,7 @@ class PointToPoint(Kernel):
 
     name: ClassVar[str] = "p2p"
     meaning: ClassVar[str] = "one point comes onto another"
+    leaves_free: ClassVar[str] = "turns about the point"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.POINT)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("x", "y")

@@ -18,6 +18,7 @@ class Parallel(Kernel):
 
     name: ClassVar[str] = "par"
     meaning: ClassVar[str] = "one line turns parallel to another"
+    leaves_free: ClassVar[str] = "motion without turning, and turns about the line"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("sine",)

@@ -36,6 +36,7 @@ class ScoredInstances:
         scores: ``[m]``, score b of every instance.
         select_out: ``[m]``, select-out g of every instance, the softmax of b.
         camera: intrinsics of the frame, for members in space; None where their goals need not be shown.
+        allowed: ``[m]``, which instances may be selected; None for all (:mod:`geoskill.skill.pin`).
     """
 
     name: str
@@ -44,13 +45,17 @@ class ScoredInstances:
     scores: Float[Tensor, " m"]
     select_out: Float[Tensor, " m"]
     camera: DepthCamera | None = None
+    allowed: Bool[Tensor, " m"] | None = None
 
     def __len__(self) -> int:
         return len(self.scores)
 
     def best(self, count: int) -> list[int]:
-        """Return the ``count`` instances of largest select-out, the largest first; all where there are fewer."""
-        instances: list[int] = torch.topk(self.select_out, min(count, len(self))).indices.tolist()
+        """Return the ``count`` allowed instances of largest select-out, the largest first; fewer if there are fewer."""
+        select_out, available = self.select_out, len(self)
+        if self.allowed is not None:
+            select_out, available = torch.where(self.allowed, select_out, -1.0), int(self.allowed.sum())
+        instances: list[int] = torch.topk(select_out, min(count, available)).indices.tolist()
         return instances
 
     @property
@@ -244,7 +249,8 @@ class ScoredFrame:
                     f"{len(self.features[extractor])} {node_type}s"
                     for node_type, extractor in scored.member.extractors.items()
                 )
-                reasons[name] = f"no instance: {counts} found"
+                pinned = scored.allowed is not None and len(scored) > 0
+                reasons[name] = "the pinned association is not visible" if pinned else f"no instance: {counts} found"
         return InferenceResult(tuple(associations), self.features, reasons, statuses)
 
     def status(self, name: str, listed: Sequence[Association]) -> MemberStatus:

@@ -21,6 +21,8 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
+from geoskill.skill.definition_edit import DEFINITION, read_edit
+from geoskill.skill.pin import Pin
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
 from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
 from geoskill.skill.weights import require_fit
@@ -34,13 +36,21 @@ class Skill:
         components: members with trained weights, and feature pipelines.
         spec: what they were built from.
         provenance: where the weights come from.
+        pins: pinned associations by the member's name (:mod:`geoskill.skill.definition_edit`).
     """
 
-    def __init__(self, components: SkillComponents, spec: SkillSpec, provenance: Provenance) -> None:
+    def __init__(
+        self,
+        components: SkillComponents,
+        spec: SkillSpec,
+        provenance: Provenance,
+        pins: Mapping[str, Pin] | None = None,
+    ) -> None:
         self.members: Mapping[str, KernelModel] = components.members
         self.pipelines: Mapping[str, FeaturePipeline] = components.pipelines
         self.spec = spec
         self.provenance = provenance
+        self.pins: Mapping[str, Pin] = {} if pins is None else pins
         for member in self.members.values():
             member.eval()
 
@@ -73,6 +83,7 @@ class Skill:
         device: str = "cpu",
         cache: FeatureCache | None = None,
         precision: str | None = None,
+        definition: str | Path | None = None,
     ) -> "Skill":
         """Load the skill of a checkpoint.
 
@@ -83,13 +94,19 @@ class Skill:
             device: where the networks run.
             cache: where extracted features are kept, or None.
             precision: of the messages, ``float32`` or ``bfloat16``, in place of the one that it was trained with.
+            definition: an edited copy of the run's ``skill.yaml`` that the skill obeys, or None.
 
         Raises:
             InputError: when the file is missing, is no checkpoint of a skill, needs a package that is not installed,
-                its weights do not fit, there is no such device, or its network has no such precision.
+                its weights do not fit, there is no such device, or its network has no such precision; and when the
+                definition has an edit that cannot be made.
         """
         stored = read_skill(reference)
-        components = build_stored(stored, cache)
+        components, spec, pins = build_stored(stored, cache), stored.spec, None
+        if definition is not None:
+            edit = read_edit(definition, components, stored.path.with_name(DEFINITION))
+            components, spec = edit.applied(components, spec)
+            pins = edit.pins
         if not stored.provenance.finished:
             done, wanted = stored.provenance.epochs
             warnings.warn(
@@ -104,10 +121,18 @@ class Skill:
                 member.to(device)
             except (RuntimeError, AssertionError) as error:  # PyTorch asserts that it was built for the device
                 raise InputError(f"device={device}: {str(error).splitlines()[0]} (expected one such as cpu)") from error
-        return cls(components, stored.spec, stored.provenance)
+        return cls(components, spec, stored.provenance, pins)
 
     def save(self, path: str | Path) -> None:
-        """Write the skill as a checkpoint that can be loaded, but not trained further."""
+        """Write the skill as a checkpoint that can be loaded, but not trained further.
+
+        Raises:
+            InputError: when an association is pinned, which no checkpoint says.
+        """
+        if self.pins:
+            raise InputError(
+                f"the skill has pinned associations, of {', '.join(self.pins)}; expected one loaded without definition"
+            )
         weights = torch.nn.ModuleDict(dict(self.members)).state_dict(prefix="members.")
         write_checkpoint(
             path, {"skill": skill_entry(self.spec, self.provenance, self.pipelines), "state_dict": dict(weights)}
@@ -177,7 +202,9 @@ class Skill:
             graph = graph.to(next(member.parameters()).device)
             scores = member(graph) if graph.instance_index.shape[1] else torch.zeros(0)
             camera = None if depth is None else depth.camera
-            members[name] = ScoredInstances(name, member, graph, scores, torch.softmax(scores, dim=0), camera)
+            allowed = self.pins[name].allows(member.kernel, graph) if name in self.pins else None
+            select_out = torch.softmax(scores, dim=0)
+            members[name] = ScoredInstances(name, member, graph, scores, select_out, camera, allowed)
         return ScoredFrame(features, members)
 
 

@@ -124,7 +124,7 @@ class TemporalFilter:
             if selected is None and best:
                 first = _first_selected(best, last)
                 selected = _Selected(first, _appearance(first.nodes, gray))
-            if selected is not None and best:
+            if selected is not None:
                 self._selected[name] = selected
                 best = _with_first(selected.association, best)
             listed[name] = best
@@ -186,7 +186,8 @@ class TemporalFilter:
                 return None
             association = _moved(scored.member, selected.association, nodes, axis)
             return replace(selected, association=association, missed=selected.missed + 1)
-        difference = float(scored.scores.max() - scored.scores[instance])
+        best = scored.best(1)  # none where only a pinned one is allowed, and looks otherwise now
+        difference = float(scored.scores[best[0]] - scored.scores[instance]) if best else 0.0
         margin = difference / score_std if score_std > 0 else 0.0
         excess = max(0.0, selected.excess + margin - self._config.tolerated_margin)
         association = scored.association(instance, found, axis)
@@ -252,11 +253,11 @@ def _first_selected(best: Sequence[Association], last: _Selected | None) -> Asso
 
 
 def _with_first(selected: Association, best: Sequence[Association]) -> list[Association]:
-    """Return the selected association, then the best others, ranked anew; as many as there are in ``best``."""
+    """Return the selected association, then the best others, ranked anew; as many as in ``best``, but at least one."""
 
     def joined(association: Association) -> frozenset[tuple[str, int | None]]:
         return frozenset((node.node_type, node.feature) for node in association.nodes)
 
     others = [association for association in best if joined(association) != joined(selected)]
-    listed = [selected, *others][: len(best)]
+    listed = [selected, *others][: max(1, len(best))]
     return [replace(association, rank=rank) for rank, association in enumerate(listed, start=1)]

@@ -16,7 +16,8 @@ from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
 from geoskill.skill.association import Association, InferenceResult, Node
-from geoskill.skill.definition import MAX_LISTED, MIN_SIMILARITY, TaskDefinition
+from geoskill.skill.definition import MAX_CROPPED, MAX_LISTED, TaskDefinition
+from geoskill.skill.pin import MIN_SIMILARITY, decoded_descriptor
 
 POINT, LINE = NodeType.POINT, NodeType.LINE
 EXTRACTORS = {POINT: "sift", LINE: "lbd"}
@@ -79,7 +80,10 @@ def test_definition_of_five_frames() -> None:
         ]
     )
     assert described["degrees_of_freedom"] == 2
+    assert described["task"] == "A thing is moved until one point comes onto another."
     assert described["members"]["p2p_sift"] == {
+        "sentence": "One point comes onto another: 2 points, how near is not known; 55 % sure; left free: turns about"
+        " the point.",
         "kernel": "p2p",
         "meaning": PointToPoint.meaning,
         "descriptor": "sift",
@@ -87,6 +91,7 @@ def test_definition_of_five_frames() -> None:
         "unit": "px",
         "learned": None,
         "goal_tolerance": None,
+        "pin": None,
         "constrains": 2,
         "frames": 5,
         "frames_with_association": 4,
@@ -94,12 +99,14 @@ def test_definition_of_five_frames() -> None:
         "error_norm": {"at_start": 5.0, "at_end": 1.0},
         "associations": [
             {
+                "number": 1,
                 "share": 0.6,
                 "mean_confidence": 0.65,
                 "seen_best_in_frame": 10,
                 "nodes": [{"type": "point", "xy": [2.0, 3.0]}, {"type": "point", "xy": [4.0, 5.0]}],
             },
             {
+                "number": 2,
                 "share": 0.2,
                 "mean_confidence": 0.25,
                 "seen_best_in_frame": 30,
@@ -219,9 +226,13 @@ def test_definition_of_ensemble_sums_degrees_of_freedom() -> None:
 @pytest.mark.parametrize("frames", [0, 3])
 def test_definition_without_associations(frames: int) -> None:
     assert definition_of([NOTHING] * frames) == {
+        "task": "A thing is moved until one point comes onto another.",
         "degrees_of_freedom": 0,
+        "descriptors": {"p2p_sift": []},
         "members": {
             "p2p_sift": {
+                "sentence": "One point comes onto another: 2 points, how near is not known; not seen in this video;"
+                " left free: turns about the point.",
                 "kernel": "p2p",
                 "meaning": PointToPoint.meaning,
                 "descriptor": "sift",
@@ -229,6 +240,7 @@ def test_definition_without_associations(frames: int) -> None:
                 "unit": "px",
                 "learned": None,
                 "goal_tolerance": None,
+                "pin": None,
                 "constrains": 0,
                 "frames": frames,
                 "frames_with_association": 0,
@@ -238,6 +250,39 @@ def test_definition_without_associations(frames: int) -> None:
             }
         },
     }
+
+
+def test_definition_lists_descriptors_of_its_associations() -> None:
+    described = definition_of([frame_with(CUP, SHELF, 0.5, (3.0, 4.0)), frame_with(HAND, SHELF, 0.25, (0.0, 2.0))])
+    listed = [[decoded_descriptor(text, 4) for text in own] for own in described["descriptors"]["p2p_sift"]]
+    np.testing.assert_allclose(listed, [[CUP, SHELF], [HAND, SHELF]], atol=1 / 127)
+
+
+def test_definition_has_crops_of_the_best_frame() -> None:
+    """Frame 10 is more sure than frame 0; a frame without a picture leaves the crops as they are."""
+    definition = TaskDefinition({"p2p_sift": member_of(PointToPoint())})
+    pictures = [np.full((40, 60, 3), level, np.uint8) for level in (10, 20)]
+    for number, (confidence, picture) in enumerate(zip((0.5, 0.75, 0.9), (*pictures, None), strict=True)):
+        definition.add(10 * number, frame_with(CUP, SHELF, confidence, (1.0, 0.0)), picture)
+    (first, second) = definition.pictures()
+    assert [first[0], second[0]] == [f"definition/p2p_sift-1-node{node}.png" for node in (1, 2)]
+    assert [crop.image.shape for _, crop, _ in (first, second)] == [(10, 10, 3)] * 2
+    assert (first[1].image == 20).all()
+    nodes = definition.as_dict()["members"]["p2p_sift"]["associations"][0]["nodes"]
+    assert [node["picture"] for node in nodes] == [first[0], second[0]]
+
+
+def test_definition_forgets_crops_of_rare_associations() -> None:
+    definition = TaskDefinition({"p2p_sift": member_of(PointToPoint())})
+    picture = np.zeros((40, 60, 3), np.uint8)
+    for number in range(MAX_CROPPED + 5):
+        angle = number * 0.8
+        own = np.array([np.cos(angle), np.sin(angle), 0, 0], np.float32)
+        other = np.array([0, 0, np.cos(number // 8 * 0.8), np.sin(number // 8 * 0.8)], np.float32)
+        definition.add(number, frame_with(own, other, 0.5, (1.0, 0.0)), picture)
+    assert len(list(definition.pictures())) <= 2 * MAX_LISTED
+    history = definition._history["p2p_sift"]
+    assert sum(bool(group.crops) for group in history.groups) <= MAX_CROPPED
 
 
 def test_definition_round_trips_through_yaml() -> None:
