@@ -91,7 +91,9 @@ def command(
     monkeypatch.chdir(ROOT)
 
     def run(name: str, *arguments: str) -> Ended:
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments])
+        # A page takes as long as all the rest; who wants one says so.
+        quiet = [] if any(own.startswith("report=") for own in arguments) else ["report=false"]
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *arguments, *(quiet if name in ("infer", "evaluate") else [])])
         GlobalHydra.instance().clear()
         capsys.readouterr()
         status = 0
@@ -121,6 +123,7 @@ def tiny(demonstration_folder: Path) -> Sequence[str]:
         "trainer.max_epochs=2",
         "trainer.limit_train_batches=3",
         "inference.abstain=0",  # it learns nothing in six steps, and says so
+        "report=false",
     )
 
 

@@ -26,6 +26,7 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         InputError: for an unusable skill, video or regions file.
     """
     from geoskill.cli.inputs import load_skill, open_disk_cache, required
+    from geoskill.cli.report import report_evaluation
     from geoskill.cli.scoring import score
     from geoskill.io.atomic import atomic_open
     from geoskill.training.quiet import quiet_libraries
@@ -42,7 +43,8 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
         sequence = _sequence(config, run, skill, store)
         assert sequence.labels is not None
-        metrics, rows = score(skill, sequence.frames, sequence.labels, config.every, config.inference)
+        selected: list[dict[str, Any]] = []
+        metrics, rows = score(skill, sequence.frames, sequence.labels, config.every, config.inference, selected)
         if sequence.recording is not None:
             metrics = _beside_simulation(metrics, config, skill, sequence, store)
     with atomic_open(run.folder / "metrics.json") as file:
@@ -52,6 +54,8 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
+    if config.report:
+        report_evaluation(run, skill, str(config.skill), selected)
     for name, member in metrics["members"].items():
         accuracy = member["top1_accuracy"]
         print(

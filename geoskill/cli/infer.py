@@ -17,6 +17,7 @@ def infer(config: InferCommandConfig, run: Run) -> None:
     """
     let_idle_threads_sleep()
     from geoskill.cli.inputs import load_skill, open_disk_cache, required, selection, use_threads
+    from geoskill.cli.report import report_inference
     from geoskill.cli.reporting import write_inference
     from geoskill.io.sources import open_frames
     from geoskill.training.quiet import quiet_libraries
@@ -29,6 +30,8 @@ def infer(config: InferCommandConfig, run: Run) -> None:
         source = open_frames(str(video), config.frame_rate)
         infer_next = selection(skill, config.inference)
         write_inference(skill, infer_next, source, source, run.folder, config.inference.min_drawn_weight, {}, threads)
+        if config.report:
+            report_inference(run, skill, str(config.skill))
     print(run.folder)
 
 

@@ -21,10 +21,11 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import FOLDER, TaskDefinition
 from geoskill.skill.definition_edit import EDITING
+from geoskill.skill.member_status import State
 from geoskill.skill.skill import Skill
 from geoskill.viz.crops import draw_crop, write_picture
 from geoskill.viz.curves import plot_inference
-from geoskill.viz.overlay import draw_overlay
+from geoskill.viz.overlay import draw_associations, draw_overlay
 from geoskill.viz.strip import ErrorHistory
 from geoskill.viz.video_writer import VideoWriter
 
@@ -101,6 +102,9 @@ class _Results:
         self._definition = TaskDefinition(skill.members)
         self._errors = ErrorHistory(total)
         self._history: list[tuple[int, str, float, float]] = []
+        self._first: tuple[Frame, InferenceResult] | None = None
+        self._last: tuple[Frame, InferenceResult] | None = None
+        self._is_done = False
 
     def overlay(
         self, frame: Frame, result: InferenceResult, min_drawn_weight: float
@@ -124,6 +128,11 @@ class _Results:
             if association.rank == 1:
                 norm = float(np.linalg.norm(association.error))
                 self._history.append((frame.index, association.member, association.confidence, norm))
+        if result.associations:
+            self._first = self._first or (frame, result)
+            is_done = State.AT_GOAL in result.states.values()
+            if is_done or not self._is_done:  # the last frame at the goal, or else the last one
+                self._last, self._is_done = (frame, result), is_done
         self.frames += 1
 
     def write(self, folder: Path, metrics: Mapping[str, Any]) -> dict[str, Any]:
@@ -138,6 +147,9 @@ class _Results:
         (folder / FOLDER).mkdir(exist_ok=True)
         for path, crop, node in self._definition.pictures():
             write_picture(folder / path, draw_crop(crop, node))
+        for name, end in (("first.jpg", self._first), ("last.jpg", self._last)):
+            if end is not None:
+                write_picture(folder / FOLDER / name, draw_associations(end[0].image, end[1]))
         described = {"source": self._source, **self._definition.as_dict()}
         with atomic_open(folder / "skill.yaml") as file:
             file.write(EDITING)

@@ -43,6 +43,7 @@ def reproduce(config: ReproduceCommandConfig, run: Run) -> None:
     Raises:
         InputError: when the study or its data have something wrong, or the folder holds results of other settings.
     """
+    from geoskill.cli.report import report_study
     from geoskill.evaluation.tables import TRAINING_METRICS
 
     study, folder, jobs = _open(config, run)
@@ -55,6 +56,8 @@ def reproduce(config: ReproduceCommandConfig, run: Run) -> None:
             curves.setdefault(job.variant, []).append(job.training.folder / "metrics.csv")
     if scores:
         write_tables(folder, study, scores, curves)
+        if config.report:
+            report_study(run, folder)
         print((folder / "table.md").read_text(encoding="utf-8"))
     print(folder, flush=True)
     exit_on_failure([(f"{job.name} ({job.training.folder})", job.training.folder) for job in jobs])

@@ -108,7 +108,11 @@ def _debug() -> Any:
 
 
 def _definition() -> Any:
-    return setting(None, "An edited copy of the skill's skill.yaml, which is obeyed.")
+    return setting(None, "File that is obeyed: an edited copy of the run's skill.yaml.")
+
+
+def _report() -> Any:
+    return setting(True, "Write report.html, a page about the run.")
 
 
 def _precision() -> Any:
@@ -126,6 +130,7 @@ class TrainCommandConfig(Learning):
     cache: CacheConfig = field(default_factory=CacheConfig)
     ckpt_path: str | None = setting(None, "Checkpoint, or folder, of an interrupted run to go on with.")
     init_from: str | None = setting(None, "Skill whose weights to start from, on another demonstration.")
+    report: bool = _report()
     debug: bool = _debug()
 
     def learning(self) -> TrainConfig:
@@ -149,6 +154,7 @@ class InferCommandConfig(Config):
     )
     precision: str | None = _precision()
     device: str = setting("cpu", "Device of the networks.")
+    report: bool = _report()
     debug: bool = _debug()
 
 
@@ -172,6 +178,7 @@ class EvaluateCommandConfig(Config):
     cache: CacheConfig = field(default_factory=CacheConfig)
     precision: str | None = _precision()
     device: str = setting("cpu", "Device of the networks.")
+    report: bool = _report()
     debug: bool = _debug()
 
 
@@ -186,6 +193,7 @@ class ReproduceCommandConfig(Config):
     jobs: int = setting(2, "Trainings at once on this machine, each on one thread.", at_least=1)
     quick: bool = setting(False, "One seed, few epochs and every tenth frame: to see that it works, not what it finds.")
     job: int | None = setting(None, "Number of the one job that a launched process performs.", at_least=0)
+    report: bool = _report()
     debug: bool = _debug()
 
 

@@ -1,10 +1,14 @@
 """Scoring a skill on labeled frames, for the commands that do it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import UInt8
 
 from geoskill.cli.inputs import selection
 from geoskill.cli.progress import show_progress
+from geoskill.cli.reporting import association_lines
 from geoskill.cli.schemas import RegionsConfig
 from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
@@ -14,6 +18,7 @@ from geoskill.evaluation.evaluator import evaluate_frames
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions
 from geoskill.io.frames import Frame
+from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
 
 if TYPE_CHECKING:
@@ -46,21 +51,48 @@ def load_labels(config: RegionsConfig, frames: Sequence[Frame], every: int, stem
 
 
 def score(
-    skill: Skill, frames: Sequence[Frame], labels: Labels, every: int, config: SelectionConfig
+    skill: Skill,
+    frames: Sequence[Frame],
+    labels: Labels,
+    every: int,
+    config: SelectionConfig,
+    selected: list[dict[str, Any]] | None = None,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return metrics over all evaluated frames, and a row for each member and evaluated frame.
+
+    Args:
+        skill: is scored.
+        frames: of a video.
+        labels: their ground truth.
+        every: of so many frames, one is evaluated.
+        config: how associations are selected.
+        selected: takes in what ``associations.jsonl`` would say of the top associations; None where nobody wants it.
 
     Raises:
         InputError: when no evaluated frame is labeled.
     """
+    infer = selection(skill, config)
+    seen: list[Frame] = []
+
+    def watched(items: Iterable[Frame]) -> Iterator[Frame]:
+        for frame in show_progress(items, "evaluating frames", total=len(frames)):
+            seen[:] = [frame]
+            yield frame
+
+    def noted(image: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
+        result = infer(image)
+        if selected is not None:
+            selected.extend(line for line in association_lines(seen[0], result, skill.members) if line["rank"] <= 1)
+        return result
+
     return evaluate_frames(
         frames,
-        selection(skill, config),
+        noted,
         labels,
         skill.members,
         every=every,
         continuous=config.temporal != "none",
-        progress=lambda items: show_progress(items, "evaluating frames", total=len(frames)),
+        progress=watched,
     )
 
 

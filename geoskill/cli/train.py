@@ -44,6 +44,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     from geoskill.cli.inputs import open_disk_cache, use_threads
     from geoskill.cli.parts import parts_of
     from geoskill.cli.progress import show_progress
+    from geoskill.cli.report import report_training
     from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
     from geoskill.io.arrays import FramesInMemory
@@ -83,6 +84,8 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     if learned.is_main:
         summary = _write_results(config, run, learned, first[0])
         _log_results(loggers, run, summary)
+        if config.report:
+            report_training(run, learned.skill, config.task.name if simulated else None)
         for line in _statements(learned):
             print(line)
         print(run.folder)

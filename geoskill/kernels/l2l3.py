@@ -18,6 +18,7 @@ class LineToLineInSpace(Kernel):
 
     name: ClassVar[str] = "l2l3"
     meaning: ClassVar[str] = "one line comes to lie on another, in space"
+    leaves_free: ClassVar[str] = "motion along the line, and turns about it"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("start_x", "start_y", "start_z", "end_x", "end_y", "end_z")

@@ -18,6 +18,7 @@ class PointToLineInSpace(Kernel):
 
     name: ClassVar[str] = "p2l3"
     meaning: ClassVar[str] = "a point comes onto a line, in space"
+    leaves_free: ClassVar[str] = "motion along the line, and turns about the point"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("x", "y", "z")

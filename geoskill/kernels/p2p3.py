@@ -18,6 +18,7 @@ class PointToPointInSpace(Kernel):
 
     name: ClassVar[str] = "p2p3"
     meaning: ClassVar[str] = "one point comes onto another, in space"
+    leaves_free: ClassVar[str] = "turns about the point"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.POINT)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("x", "y", "z")

@@ -18,6 +18,7 @@ class PointToPlane(Kernel):
 
     name: ClassVar[str] = "p2pl"
     meaning: ClassVar[str] = "a point comes onto a plane"
+    leaves_free: ClassVar[str] = "motion along the plane, and turns about the point"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.POINT, NodeType.PLANE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("distance",)

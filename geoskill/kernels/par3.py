@@ -18,6 +18,7 @@ class ParallelInSpace(Kernel):
 
     name: ClassVar[str] = "par3"
     meaning: ClassVar[str] = "one line turns parallel to another, in space"
+    leaves_free: ClassVar[str] = "motion without turning, and turns about the line"
     roles: ClassVar[tuple[NodeType, ...]] = (NodeType.LINE, NodeType.LINE)
     edges: ClassVar[tuple[tuple[int, int], ...]] = ((0, 1),)
     error_rows: ClassVar[tuple[str, ...]] = ("x", "y", "z")

@@ -11,8 +11,8 @@ from geoskill.skill.association import Node
 
 SIDE_RATIO: Final = 0.25
 """Side of a crop, as a share of the picture's shorter side: enough to see what thing it is."""
-LENGTH_RATIO: Final = 1.4
-"""Side of a crop, as a multiple of the length of the line in it."""
+EXTENT_RATIO: Final = 1.4
+"""Side of a crop, as a multiple of the extent of the line or outline in it."""
 
 
 @final
@@ -39,8 +39,8 @@ def crop_around(image: UInt8[np.ndarray, "height width 3"], node: Node) -> Crop:
         node: a feature of it, in pixels.
     """
     height, width = image.shape[:2]
-    length = math.dist(node.coordinates[:2], node.coordinates[-2:])
-    side = min(height, width, max(round(SIDE_RATIO * min(height, width)), math.ceil(LENGTH_RATIO * length), 8))
+    extent = float(np.ptp(np.reshape(node.coordinates, (-1, 2)), axis=0).max())
+    side = min(height, width, max(round(SIDE_RATIO * min(height, width)), math.ceil(EXTENT_RATIO * extent), 8))
     left, top = (
         int(np.clip(round(center - side / 2), 0, size - side))
         for center, size in zip(node.center, (width, height), strict=True)

@@ -41,6 +41,7 @@ class MemberStatus:
         agreement: share of its listed associations that agree on one way to the goal, in [0, 1]; None where fewer than
             two have a goal error.
         offset_px: how far the moving thing is from its goal, as most of them agree (:mod:`geoskill.skill.consensus`).
+        switched: whether another association is selected than in the frame before, in which there was one, too.
     """
 
     rows: tuple[str, ...]
@@ -50,11 +51,13 @@ class MemberStatus:
     goal_error_is_certain: bool = False
     agreement: float | None = None
     offset_px: tuple[float, float] | None = None
+    switched: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """Return what the lines of ``associations.jsonl`` say of the member."""
         return {
             "state": str(self.state),
+            "switched": self.switched,
             "error_available": [self.error_is_certain] * len(self.rows),
             "goal_error_available": [self.goal_error_is_certain] * len(self.rows),
             "agreement": None if self.agreement is None else round(self.agreement, 4),

@@ -37,14 +37,19 @@ class StatusOverTime:
         self._goal_gate = InnovationGate(config, float(member.goal.tolerance))
         self._last: Association | None = None
         self._goal: Float64[np.ndarray, " d"] | None = None
+        self._is_lost = True
 
-    def advance(self, tracked: Sequence[Node] | None, listed: Sequence[Association]) -> MemberStatus:
+    def advance(
+        self, tracked: Sequence[Node] | None, listed: Sequence[Association], *, kept: bool = True
+    ) -> MemberStatus:
         """Return the status in the next frame.
 
         Args:
             tracked: nodes of the last frame's top association where flow leads them; None where that is not known.
             listed: associations of this frame by rank; empty where the member is lost.
+            kept: whether the top one is that of the last frame.
         """
+        was_lost, self._is_lost = self._is_lost, not listed
         if not listed:
             self._goal = None
             return self._lost
@@ -63,6 +68,7 @@ class StatusOverTime:
             goal_error_is_certain=goal_is_certain,
             agreement=None if agreed is None else agreed.share,
             offset_px=None if agreed is None else agreed.offset_px,
+            switched=not (kept or was_lost),
         )
 
     def _take_in(self, last: Association, tracked: Sequence[Node] | None, top: Association) -> None:

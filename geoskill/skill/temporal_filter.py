@@ -121,6 +121,7 @@ class TemporalFilter:
                 tracked = lifted_nodes(tracked, depth)
             best = scored.associations(scored.best(self.skill.top_k), self._axes.get(name))
             selected = self._keep(last, tracked, scored, score_std, bool(best) and best[0].is_at_goal, gray)
+            kept = selected is not None
             if selected is None and best:
                 first = _first_selected(best, last)
                 selected = _Selected(first, _appearance(first.nodes, gray))
@@ -129,7 +130,7 @@ class TemporalFilter:
                 best = _with_first(selected.association, best)
             listed[name] = best
             status = self._statuses.setdefault(name, StatusOverTime(name, scored.member, self._config.innovation))
-            statuses[name] = status.advance(tracked, best)
+            statuses[name] = status.advance(tracked, best, kept=kept)
         self._previous_gray = gray
         return scored_frame.result(listed, statuses)
 

@@ -13,6 +13,7 @@ from geoskill.io.atomic import atomic_open
 from geoskill.skill.association import Node
 from geoskill.skill.crops import Crop
 from geoskill.viz.drawing import CASING, TOP_COLOR, draw_disc, draw_polyline
+from geoskill.viz.marks import outline
 
 MIN_SIDE_PX: Final = 192
 """Smaller crops are enlarged to at least this."""
@@ -36,6 +37,8 @@ def draw_crop(crop: Crop, node: Node) -> UInt8[np.ndarray, "side side 3"]:
     for pen, width in ((CASING, 4 * unit), (TOP_COLOR, 2 * unit)):
         if node.node_type is NodeType.POINT:
             draw_disc(canvas, xy[0], RING_RATIO * len(canvas), pen, width)
+        elif node.node_type is not NodeType.LINE:
+            draw_polyline(canvas, outline(node.node_type, xy), pen, width, closed=True)
         else:
             along = xy[1] - xy[0]
             across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
@@ -45,9 +48,9 @@ def draw_crop(crop: Crop, node: Node) -> UInt8[np.ndarray, "side side 3"]:
 
 
 def write_picture(path: Path, image: UInt8[np.ndarray, "height width 3"]) -> None:
-    """Write an RGB picture as PNG; an existing file is replaced only once the new one is complete."""
-    encoded, content = cv2.imencode(".png", image[:, :, ::-1])
+    """Write an RGB picture as its suffix says; an existing file is replaced only once the new one is complete."""
+    encoded, content = cv2.imencode(path.suffix, image[:, :, ::-1])
     if not encoded:
-        raise RuntimeError(f"{path}: OpenCV could not encode the picture as PNG")
+        raise RuntimeError(f"{path}: OpenCV could not encode the picture")
     with atomic_open(path, "wb") as file:
         file.write(content.tobytes())

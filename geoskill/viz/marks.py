@@ -42,11 +42,11 @@ def draw_feature(
         if node_type is NodeType.POINT:
             draw_disc(canvas, scale.enlarged(xy)[0], 2.6 * scale.unit, color, width)
         else:
-            outline = scale.enlarged(_outline(node_type, xy))
-            draw_polyline(canvas, outline, color, width, closed=node_type is not NodeType.LINE)
+            shown = scale.enlarged(outline(node_type, xy))
+            draw_polyline(canvas, shown, color, width, closed=node_type is not NodeType.LINE)
 
 
-def _outline(node_type: NodeType, xy: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "q 2"]:
+def outline(node_type: NodeType, xy: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "q 2"]:
     """Return the points to draw of a segment, of the outline of a plane, or of an ellipse given by two diameters."""
     if node_type is not NodeType.CONIC:
         return xy
@@ -95,7 +95,7 @@ def draw_node(canvas: UInt8[np.ndarray, "h w 3"], scale: Scale, node: Node, colo
             draw_disc(canvas, xy[0], radius + reach, pen)
     else:
         outer, closed = width + 2 * edge, node.node_type is not NodeType.LINE
-        xy = _outline(node.node_type, xy)
+        xy = outline(node.node_type, xy)
         for pen, thickness in ((CASING, outer + 2 * edge), (color, outer), (core, max(1, outer - 3 * edge))):
             draw_polyline(canvas, xy, pen, thickness, closed)
 

@@ -10,6 +10,7 @@
     +-----------------------+-------+
 """
 
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import cv2
@@ -68,6 +69,19 @@ def draw_overlay(
     reasons = [f"{name}: {reason}" for name, reason in result.reasons.items()]
     width = panel_width(picture.shape[1])
     return np.concatenate([left, draw_panel(len(left), width, scale, blocks, place, title, reasons)], axis=1)
+
+
+def draw_associations(
+    image: UInt8[np.ndarray, "height width 3"], result: InferenceResult
+) -> UInt8[np.ndarray, "out_height out_width 3"]:
+    """Draw the top association of each member on a frame, enlarged as in an overlay, and nothing else; RGB.
+
+    Args:
+        image: RGB; not modified.
+        result: what was selected in the frame.
+    """
+    top = replace(result, features={}, associations=tuple(own for own in result.associations if own.rank == 1))
+    return _draw_picture(image, top, _members(top, 1.0), Scale.of(image))
 
 
 @final

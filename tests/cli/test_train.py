@@ -249,6 +249,7 @@ def test_black_frames_have_a_reason(command: Command, tiny: Sequence[str], tmp_p
         "error_available": [False, False],
         "goal_error_available": [False, False],
         "agreement": None,
+        "switched": False,
         "offset_px": None,
         "reason": "no instance: 0 points found",
     }

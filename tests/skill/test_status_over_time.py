@@ -142,6 +142,7 @@ def test_status_says_what_the_listed_agree_on(status: StatusOverTime) -> None:
     assert seen.offset_px == pytest.approx((40.5, 0.0), abs=0.1)
     assert seen.as_json() == {
         "state": "approaching",
+        "switched": False,
         "error_available": [True, True],
         "goal_error_available": [True, True],
         "agreement": 0.6667,
@@ -149,3 +150,11 @@ def test_status_says_what_the_listed_agree_on(status: StatusOverTime) -> None:
     }
     assert status.advance(None, [first]).agreement is None
     assert State("at goal") is State.AT_GOAL
+
+
+def test_switch_is_another_association_than_in_the_frame_before(status: StatusOverTime) -> None:
+    """The first one, and one after a frame without any, are no switches."""
+    own = pair(40, 0)
+    given = [(own, False), (own, True), (own, False), (None, False), (own, False), (own, True)]
+    seen = [status.advance(None, [] if top is None else [top], kept=kept).switched for top, kept in given]
+    assert seen == [False, False, True, False, False, False]
