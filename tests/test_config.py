@@ -160,7 +160,7 @@ def test_reference_names_every_key_with_its_default() -> None:
         ("model.", MessagePassingConfig, "model=message_passing"),
         ("model.", BilinearConfig, "model=bilinear"),
         ("model.", PrototypesConfig, "model=prototypes"),
-        ("task.", SimulatedTaskConfig, "task=sorting, insertion, folding, screw"),
+        ("task.", SimulatedTaskConfig, "task=sorting, insertion, folding, screw, flush, ring"),
         ("task.", VideoTaskConfig, "task=video"),
         ("logger.wandb.", WandbConfig, "logger=wandb"),
     ):

@@ -102,7 +102,7 @@ def test_groups_and_commands() -> None:
     assert set(SCHEMAS) <= set(COMMANDS)
     expected = {"kernel", "descriptor", "model", "task", "scenario", "trainer", "logger", "experiment"}
     assert expected | {"artifact"} <= set(GROUPS)
-    assert {"sorting", "insertion", "folding", "screw"} <= set(SIMULATED)
+    assert {"sorting", "insertion", "folding", "screw", "flush", "ring"} <= set(SIMULATED)
     assert options("model") == ["bilinear", "default", "message_passing", "paper", "prototypes"]
     assert {"sift", "orb", "lbd", "patch"} <= set(options("descriptor"))
     assert {"p2p", "l2l", "p2l", "par", "p2p_l2l"} <= set(options("kernel"))

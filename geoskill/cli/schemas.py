@@ -296,7 +296,7 @@ def markdown_reference() -> str:
         ("model=message_passing", MessagePassingConfig, "model."),
         ("model=bilinear", BilinearConfig, "model."),
         ("model=prototypes", PrototypesConfig, "model."),
-        ("task=sorting, insertion, folding, screw", SimulatedTaskConfig, "task."),
+        ("task=sorting, insertion, folding, screw, flush, ring", SimulatedTaskConfig, "task."),
         ("task=video", VideoTaskConfig, "task."),
         ("logger=wandb", WandbConfig, "logger.wandb."),
     )

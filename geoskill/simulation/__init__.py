@@ -1,4 +1,4 @@
-"""Rendered demonstrations of four manipulation tasks, with ground truth that no camera provides."""
+"""Rendered demonstrations of six manipulation tasks, with ground truth that no camera provides."""
 
 import os
 import sys

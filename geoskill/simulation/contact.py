@@ -44,12 +44,15 @@ def add_contact(spec: mujoco.MjSpec, task: str, scene: TaskScene) -> "SolidObjec
         )
     name = scene.dynamics.body
     spec.option.timestep = STEP_S
+    # Stiffer friction, without which things creep down a slope.
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 20
     body = spec.body(name)
     body.mocap = False
     body.add_freejoint(name=name)
     for other in spec.worldbody.bodies:
         for geom in () if other.name in (ACTOR, OCCLUDER) else other.geoms:
-            if min(size for size in geom.size if size > 0) > HALF_PLATE_THICKNESS:  # prints are thin plates
+            # Prints are thin plates, and meshes, whose size is 0 here, have no thickness.
+            if min((size for size in geom.size if size > 0), default=0.0) > HALF_PLATE_THICKNESS:
                 geom.contype, geom.conaffinity = (1, 0) if other.name == name else (0, 1)
                 geom.solref[:2], geom.friction, geom.condim = [CONTACT_TIME_S, 1], FRICTION, 4
     add_mocap_body(spec, HOLD, scene.start)

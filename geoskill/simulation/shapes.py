@@ -4,6 +4,7 @@ Nothing that is added here collides; bodies are moved along scripted paths. Size
 the parent body, RGB colors are from 0 to 1.
 """
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -15,6 +16,7 @@ from geoskill.geometry.poses import Pose, pose, quaternion
 Color = Sequence[float]  # red, green, blue
 
 HALF_PLATE_THICKNESS = 0.0004
+BAND_FACETS = 48
 
 
 def add_material(
@@ -121,6 +123,48 @@ def add_printed_box(
         rotation = np.column_stack(axes)
         plate_pose = box_pose @ pose(axes[2] * distance, rotation)
         add_box(body, (half_width, half_height, HALF_PLATE_THICKNESS), plate_pose, material)
+
+
+def add_band(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    profile: tuple[tuple[float, float], tuple[float, float]],
+    material: str = "",
+    color: Color = (1, 1, 1),
+) -> None:
+    """Add a surface of revolution about the body's z axis, such as the wall of a cup; it has no thickness.
+
+    Args:
+        spec: the scene.
+        body: to which it is added.
+        name: of the mesh.
+        profile: radius and height of its two edges. From the first to the second, its visible side is to the right of
+            the profile: outside for one that goes up.
+        material: whose image goes around once, counterclockwise from above from the back (+y), with its upper border
+            at the second edge.
+        color: without a material.
+    """
+    angles = math.pi / 2 + np.linspace(0, 2 * math.pi, BAND_FACETS + 1)
+    around = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    (first_radius, first_z), (second_radius, second_z) = profile
+    along = np.array([second_radius - first_radius, second_z - first_z]) / math.dist(*profile)
+    edges = [around * radius + [0, 0, z] for radius, z in profile]
+    normals = around * along[1] - [0, 0, along[0]]
+    columns, last = np.arange(BAND_FACETS), BAND_FACETS + 1
+    lower = np.column_stack([columns, columns + 1, columns + 1 + last])
+    upper = np.column_stack([columns, columns + 1 + last, columns + last])
+    shares = np.linspace(0, 1, last)
+    coordinates = np.concatenate([np.column_stack([shares, np.full(last, v)]) for v in (1.0, 0.0)])
+    spec.add_mesh(
+        name=name,
+        uservert=np.concatenate(edges).ravel().tolist(),
+        usernormal=np.tile(normals, (2, 1)).ravel().tolist(),
+        usertexcoord=coordinates.ravel().tolist(),
+        userface=np.concatenate([lower, upper]).ravel().tolist(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    _add(body, mujoco.mjtGeom.mjGEOM_MESH, material, color, meshname=name, mass=0.0)
 
 
 def _add(body: mujoco.MjsBody, shape: mujoco.mjtGeom, material: str, color: Color, **geometry: object) -> None:

@@ -33,6 +33,13 @@ def print_on_card(rng: np.random.Generator, paper: Color, shapes: int = 26, cont
     return _grained(image, rng, 3.0)
 
 
+def cut_card(card: Texture, size: tuple[float, float]) -> UInt8[np.ndarray, "cut_height cut_width 3"]:
+    """Return a part of a card, without its border, with the aspect ratio of a surface of that size (width, height)."""
+    inner = card[16:-16, 16:-16]
+    aspect = size[1] / size[0]
+    return inner[: round(len(inner) * min(1.0, aspect)), : round(len(inner) * min(1.0, 1 / aspect))]
+
+
 def wood(rng: np.random.Generator, color: Color, contrast: float = 12.0) -> Texture:
     """Draw wood with a soft grain along x."""
     rows = np.cumsum(rng.normal(0, 1, SIZE))

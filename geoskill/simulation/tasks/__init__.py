@@ -1,1 +1,1 @@
-"""The four tasks of the paper, one file each, named like the task."""
+"""The four tasks of the paper and two for features in space, one file each, named like the task."""

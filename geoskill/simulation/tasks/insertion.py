@@ -12,7 +12,7 @@ from geoskill.simulation.actors.actor import Grip
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.shapes import add_box, add_cylinder, add_material, add_mocap_body, add_printed_box
 from geoskill.simulation.tasks.task import PlanarPose, RigidObject, RolePart, Task, TaskScene
-from geoskill.simulation.textures import print_on_card, striped_print
+from geoskill.simulation.textures import cut_card, print_on_card, striped_print
 
 Picture = UInt8[np.ndarray, "height width 3"]
 Cutout = UInt8[np.ndarray, "cutout_height cutout_width 3"]
@@ -82,7 +82,7 @@ def _add_holder(spec: mujoco.MjSpec, holder: Pose, sheet: Picture, appearance_rn
     body = add_mocap_body(spec, TARGET, holder)
     wall = (0.30, 0.27, 0.25)
     add_box(body, (HALF_SLOT, half_y, FLOOR / 2), pose((0, 0, FLOOR / 2)), color=wall)
-    front = _strip(print_on_card(appearance_rng, (205, 200, 190), 16), (2 * half_x, TOP))
+    front = cut_card(print_on_card(appearance_rng, (205, 200, 190), 16), (2 * half_x, TOP))
     scale = front.shape[1] / (2 * half_x)
     for name, center, half_width, far in (
         ("left", -HALF_SLOT - cheek, cheek, half_y),
@@ -105,7 +105,7 @@ def _add_block(spec: mujoco.MjSpec, sheet: Picture, appearance_rng: np.random.Ge
     near = NEAR + STOP + GAP
     faces = {"+z": add_material(spec, "block_top", _cut(sheet, (-half_x, half_x), (near, near + 2 * half_y)))}
     for face, half_width in (("-y", half_x), ("+x", half_y), ("-x", half_y)):
-        side = _strip(print_on_card(appearance_rng, (225, 205, 160), 24), (2 * half_width, 2 * half_z))
+        side = cut_card(print_on_card(appearance_rng, (225, 205, 160), 24), (2 * half_width, 2 * half_z))
         faces[face] = add_material(spec, f"block{face}", side)
     add_printed_box(add_mocap_body(spec, OBJECT), HALF_BLOCK, faces, (0.62, 0.52, 0.40), np.eye(4))
 
@@ -119,7 +119,7 @@ def _add_distractors(spec: mujoco.MjSpec, appearance_rng: np.random.Generator) -
     for name, half_size, body_pose in placements:
         paper = tuple(appearance_rng.uniform(120, 200, 3))
         card = print_on_card(appearance_rng, paper, 14, 0.8)
-        faces = {"+z": add_material(spec, name, _strip(card, (2 * half_size[0], 2 * half_size[1])))}
+        faces = {"+z": add_material(spec, name, cut_card(card, (2 * half_size[0], 2 * half_size[1])))}
         edge = tuple(np.array(paper) / 300)
         add_printed_box(add_mocap_body(spec, f"distractor_{name}", body_pose), half_size, faces, edge, np.eye(4))
     tin = add_mocap_body(spec, "distractor_tin", table_pose(-0.23, -0.13, 0.0))
@@ -135,10 +135,3 @@ def _cut(sheet: Picture, x: tuple[float, float], y: tuple[float, float]) -> Cuto
     part = sheet[len(sheet) - top : len(sheet) - bottom, left:right].copy()
     cv2.rectangle(part, (0, 0), (right - left - 1, top - bottom - 1), (40.0, 40.0, 50.0), 7)
     return part
-
-
-def _strip(card: Picture, size: tuple[float, float]) -> Cutout:
-    """Return a part of a card, without its border, with the aspect ratio of a surface of that size (width, height)."""
-    inner = card[16:-16, 16:-16]
-    aspect = size[1] / size[0]
-    return inner[: round(len(inner) * min(1.0, aspect)), : round(len(inner) * min(1.0, 1 / aspect))]

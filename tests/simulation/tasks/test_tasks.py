@@ -8,10 +8,10 @@ import pytest
 
 from geoskill.geometry.poses import inverse, table_pose, transform
 from geoskill.simulation.roles import SceneRole
-from geoskill.simulation.tasks import folding, insertion, screw, sorting
+from geoskill.simulation.tasks import flush, folding, insertion, ring, screw, sorting
 from geoskill.simulation.tasks.task import PlanarPose, RolePart, Task, TaskScene
 
-TASKS = ["sorting", "insertion", "folding", "screw"]
+TASKS = ["sorting", "insertion", "folding", "screw", "flush", "ring"]
 CENTER = PlanarPose(0.0, 0.0, 0.0)
 
 
@@ -145,3 +145,40 @@ def test_folding_roles_are_mirror_images_about_the_crease() -> None:
     assert 2 * folding.CREASE - folding.HALF[0] == pytest.approx(folding.LANDING)
     assert mark == RolePart(folding.NAME, SceneRole.TARGET, mark.lower, mark.upper)
     assert -folding.HALF[0] < mark.lower[0] < folding.LANDING < mark.upper[0] < folding.CREASE
+
+
+def test_flush_goal_has_one_plane_above_and_one_in_front() -> None:
+    model, scene = build(flush.Flush(), target=PlanarPose(0.02, 0.01, 0.3))
+    plate = body_poses(model)[flush.TARGET]
+    in_plate = inverse(plate) @ scene.goal
+    half = np.array(flush.HALF_BOX)
+    low, high = transform(in_plate, np.array([-half, half]))
+    assert high[2] == pytest.approx(flush.HALF_PLATE[2])  # the upper faces
+    assert low[1] == pytest.approx(-flush.HALF_PLATE[1])  # the front faces
+    assert low[0] == pytest.approx(flush.HALF_PLATE[0] + flush.GAP)  # beside the plate
+    np.testing.assert_allclose(in_plate[:3, :3], np.eye(3), atol=1e-9)
+    # They lean toward the camera, so that what is level is not flush.
+    assert plate[2, 2] == pytest.approx(np.cos(flush.TILT_RAD))
+    assert plate[1, 2] < -0.3
+    # The lowest edge of the stand is on the table.
+    stand = body_poses(model)["stand"]
+    assert transform(stand, np.array([[0.0, -flush.HALF_STAND[1], -2 * flush.HALF_STAND[2]]]))[0, 2] == pytest.approx(0)
+
+
+def test_ring_goal_has_the_base_of_the_cup_in_the_ring() -> None:
+    model, scene = build(ring.Ring(), target=PlanarPose(0.02, 0.01, 0.3))
+    in_mat = inverse(body_poses(model)[ring.TARGET]) @ scene.goal
+    np.testing.assert_allclose(in_mat[:3, 3], [0, 0, 2 * ring.HALF_THICKNESS], atol=1e-9)
+    np.testing.assert_allclose(in_mat[:3, 2], [0, 0, 1], atol=1e-9)
+    assert 0 < ring.RING_INNER - ring.RADIUS < 0.001
+    assert ring.RING_OUTER - ring.RING_INNER > 0.006  # the other edge of the ring is no place for the base
+    np.testing.assert_array_equal(scene.free_axis, [0, 0, 1])
+    # The ring is where it says: dark at its middle radius, blank inside, on the texture of the mat.
+    size = ring.PIXELS
+    texture = next(
+        model.tex_data[adr : adr + 3 * size * size].reshape(size, size, 3).astype(float).mean(axis=2)
+        for adr, width in zip(model.tex_adr, model.tex_width, strict=True)
+        if width == size
+    )
+    at = [texture[size // 2, round(size / 2 * (1 + r / ring.HALF_MAT))] for r in (0.02, 0.036, 0.037, 0.044, 0.045)]
+    assert min(at[0], at[1], at[4]) > max(at[2], at[3]) + 40
