@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from geoskill.io.disk_cache import DiskCache
     from geoskill.skill.skill import Skill
 
+# Frames of a demonstration in whose features the oracle looks for associations that meet.
+ORACLE_FRAMES = 12
+
 
 def main() -> None:
     """Run ``evaluate.py`` or ``geoskill-evaluate``."""
@@ -89,7 +92,7 @@ def _beside_simulation(
 ) -> dict[str, Any]:
     """Return the metrics with those of the paper's trackers and of an oracle beside them."""
     from geoskill.cli.scoring import score_oracle
-    from geoskill.cli.sequences import DEMONSTRATION, simulated_recording
+    from geoskill.cli.sequences import DEMONSTRATION, RecordingSource, simulated_recording
     from geoskill.evaluation.baseline import track_hand_picked_pairs
     from geoskill.evaluation.metrics import summarize_ensemble
 
@@ -103,7 +106,14 @@ def _beside_simulation(
     scene = skill.provenance.scene
     if scene is not None and scene.task == config.task.name:
         demonstrated = simulated_recording(scene, DEMONSTRATION, store)
-        for name, bound in score_oracle(skill, demonstrated, sequence.recording).items():
+        source = RecordingSource(
+            demonstrated, DEMONSTRATION, depth=config.task.depth, seed=scene.seed, episode=DEMONSTRATION
+        )
+        frames = {
+            number: source.frame(number)
+            for number in range(0, len(demonstrated), len(demonstrated) // ORACLE_FRAMES or 1)
+        }
+        for name, bound in score_oracle(skill, demonstrated, frames, sequence.recording).items():
             metrics["members"][name] |= bound
         metrics |= summarize_ensemble(metrics["members"])
     return metrics

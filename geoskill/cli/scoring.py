@@ -1,6 +1,6 @@
 """Scoring a skill on labeled frames, for the commands that do it."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +23,6 @@ from geoskill.skill.skill import Skill
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
-
-# Frames of a demonstration in whose features the oracle looks for pairs that meet.
-ORACLE_FRAMES = 12
 
 
 def load_labels(config: RegionsConfig, frames: Sequence[Frame], every: int, stems: Sequence[str] | None) -> Regions:
@@ -96,18 +93,24 @@ def score(
     )
 
 
-def score_oracle(skill: Skill, demonstration: "Recording", recording: "Recording") -> dict[str, dict[str, Any]]:
+def score_oracle(
+    skill: Skill, demonstration: "Recording", frames: Mapping[int, Frame], recording: "Recording"
+) -> dict[str, dict[str, Any]]:
     """Return the metrics of an oracle for each member.
 
     The oracle knows all pairs that meet in the demonstration's picture; a skill that learned from it cannot be expected
     to be more exact in another recording.
+
+    Args:
+        skill: the skill.
+        demonstration: that it learned from.
+        frames: some of the demonstration's frames by number, with depth if the skill needs it.
+        recording: the other one.
     """
     from geoskill.evaluation.oracle import evaluate_oracle
 
-    frames = range(0, len(demonstration), len(demonstration) // ORACLE_FRAMES or 1)
-    pictures = {frame: demonstration.picture(frame) for frame in frames}
     found = {
-        name: {frame: pipeline.in_picture().extract(picture) for frame, picture in pictures.items()}
+        name: {number: pipeline.extract(frame.image, frame.depth) for number, frame in frames.items()}
         for name, pipeline in skill.pipelines.items()
     }
     return {

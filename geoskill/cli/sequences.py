@@ -80,7 +80,11 @@ class RecordingSource(FrameSource):
 
     def __iter__(self) -> Iterator[Frame]:
         for index in range(len(self._recording)):
-            yield Frame(index, index / self.frame_rate, self._recording.picture(index), *self._sensed(index))
+            yield self.frame(index)
+
+    def frame(self, index: int) -> Frame:
+        """Return one of the frames."""
+        return Frame(index, index / self.frame_rate, self._recording.picture(index), *self._sensed(index))
 
     def _sensed(self, index: int) -> "tuple[()] | tuple[Float32[np.ndarray, 'height width'], DepthCamera]":
         """Return the depth of a frame with its intrinsics, or nothing without a sensor."""

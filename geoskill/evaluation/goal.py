@@ -2,26 +2,30 @@
 
 An association of the object with the target may still join the wrong points of the two. The control error of a right
 one is zero when the task is done. Ground truth from simulation knows the position of every point of the object and the
-target then: the features of an association are moved to the goal, and the kernel's error is computed there.
+target then: the features of an association are moved to the goal, and the kernel's error is computed there: in the
+picture for a kernel of the picture, in space for one of space.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
 import torch
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Float64, Int64
 from torch import Tensor
 
 from geoskill.evaluation.labels import FrameLabels
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
-from geoskill.kernels.kernel import Kernel
+from geoskill.kernels.kernel import Kernel, instances_in_space, node_dim
 from geoskill.simulation.roles import SceneRole
 from geoskill.skill.association import Node
 
 STRICT_M = 0.003
-"""Largest error at the goal of a right association, perpendicular to the line of sight: 3 mm."""
+"""Largest error at the goal of a right association, in the picture perpendicular to the line of sight: 3 mm."""
+
+_TASK_ROLES = (SceneRole.OBJECT, SceneRole.TARGET)
 
 
 @final
@@ -55,19 +59,20 @@ def evaluate_at_goal(
         labels: ground truth of the frame.
     """
     pixel_m = labels.goal_pixel_m
-    if pixel_m is None or kernel.unit != "px":
+    if pixel_m is None or kernel.unit not in ("px", "m"):
         return None
     errors_m, joins = errors_at_goal(kernel, features, labels, pixel_m)
     feasible = bool((joins & (errors_m <= STRICT_M)).any())
     nodes_at_goal = []
     for node in nodes:
-        coordinates = _at_goal(node, labels)
+        coordinates = _at_goal(node, labels, kernel.in_space)
         if coordinates is None:
             return GoalResult(None, feasible)
         nodes_at_goal.append(torch.tensor([coordinates], dtype=torch.float64))
     if not nodes_at_goal:
         return GoalResult(None, feasible)
-    return GoalResult(float(kernel.control_error(nodes_at_goal).norm()) * pixel_m, feasible)
+    unit_m = pixel_m if kernel.unit == "px" else 1.0
+    return GoalResult(float(kernel.control_error(nodes_at_goal).norm()) * unit_m, feasible)
 
 
 def errors_at_goal(
@@ -76,7 +81,7 @@ def errors_at_goal(
     """Return the error at the goal of every instance among a frame's features, and whether it joins object and target.
 
     Args:
-        kernel: kernel whose error is in pixels.
+        kernel: kernel whose error is in pixels or in meters.
         features: features of the frame, of the kernel's node types.
         labels: ground truth of the frame, including the goal.
         pixel_m: width of a pixel in meters, :attr:`FrameLabels.goal_pixel_m`.
@@ -87,25 +92,46 @@ def errors_at_goal(
     """
     coordinates, sides = {}, {}  # a side is 1 on the object, -1 on the target, 0 elsewhere
     for node_type, feature_set in features.items():
+        dim = node_dim(kernel, node_type)
         rows, roles = [], []
-        for row in feature_set.geometry.tolist():
-            node = Node(node_type, tuple(row))
-            at_goal = _at_goal(node, labels)
-            role = None if at_goal is None else labels.label(node.center, among=(SceneRole.OBJECT, SceneRole.TARGET))
-            roles.append(role)
-            rows.append(at_goal or [0.0] * len(row))
-        coordinates[node_type] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), node_type.geometry_dim)
+        for place, space in zip(feature_set.geometry.tolist(), _spaces(feature_set), strict=True):
+            at_goal = _at_goal(Node(node_type, tuple(place), space=space), labels, kernel.in_space)
+            known = at_goal is not None
+            roles.append(labels.feature_label(node_type, place, among=_TASK_ROLES) if known else None)
+            rows.append(at_goal or [0.0] * dim)
+        coordinates[node_type] = torch.tensor(rows, dtype=torch.float64).reshape(len(rows), dim)
         sides[node_type] = torch.tensor([(role is SceneRole.OBJECT) - (role is SceneRole.TARGET) for role in roles])
-    instances = kernel.instances({node_type: len(feature_set) for node_type, feature_set in features.items()})
-    nodes = list(zip(kernel.roles, instances, strict=True))
+    nodes = list(zip(kernel.roles, _instances(kernel, features), strict=True))
     errors = kernel.control_error([coordinates[node_type][index] for node_type, index in nodes])
     node_sides = torch.stack([sides[node_type][index] for node_type, index in nodes])
     joins = (node_sides != 0).all(dim=0) & (node_sides == 1).any(dim=0) & (node_sides == -1).any(dim=0)
-    return errors.norm(dim=1) * pixel_m, joins
+    return errors.norm(dim=1) * (pixel_m if kernel.unit == "px" else 1.0), joins
 
 
-def _at_goal(node: Node, labels: FrameLabels) -> list[float] | None:
+def _instances(kernel: Kernel, features: Mapping[NodeType, FeatureSet]) -> Int64[Tensor, "k m"]:
+    """Return the instances that a skill would choose from."""
+    if not kernel.in_space:
+        return kernel.instances({node_type: len(feature_set) for node_type, feature_set in features.items()})
+    places = {
+        node_type: torch.from_numpy(np.array(_spaces(feature_set), np.float32).reshape(-1, node_type.space_dim))
+        for node_type, feature_set in features.items()
+    }
+    return instances_in_space(kernel, places)
+
+
+def _spaces(features: FeatureSet) -> list[tuple[float, ...]]:
+    """Return the features in space, NaN where the depth is not known or there is none."""
+    dim = features.node_type.space_dim
+    return (
+        [(float("nan"),) * dim] * len(features) if features.space is None else list(map(tuple, features.space.tolist()))
+    )
+
+
+def _at_goal(node: Node, labels: FrameLabels, in_space: bool) -> list[float] | None:
     """Return a node's coordinates at the goal, or None when one of its points is on neither object nor target."""
+    if in_space or node.node_type is NodeType.CONIC:
+        feature = labels.feature_at_goal(node.node_type, node.coordinates, node.space, in_space)
+        return None if feature is None else list(feature)
     xy = node.coordinates
     points = labels.at_goal([(xy[index], xy[index + 1]) for index in range(0, len(xy), 2)])
     known = [point for point in points or () if point is not None]

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from geoskill.errors import InputError
+from geoskill.geometry.primitives import NodeType
 from geoskill.simulation.roles import SceneRole
 
 TOLERANCE_PX = 3.0
@@ -38,6 +39,39 @@ class FrameLabels(ABC):
         """Return the pixels of points of the object and the target in the frame where the task is done.
 
         None for a point on neither of them; None altogether when the ground truth does not include the goal.
+        """
+
+    @abstractmethod
+    def feature_label(
+        self,
+        node_type: NodeType,
+        coordinates: Sequence[float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
+        """Return the role of the region that a feature is on, mostly that of its center; see :meth:`label`.
+
+        Args:
+            node_type: type of the feature.
+            coordinates: in pixels, as :mod:`geoskill.geometry.primitives` has them.
+            tolerance_px: see :meth:`label`.
+            among: see :meth:`label`.
+        """
+
+    @abstractmethod
+    def feature_at_goal(
+        self, node_type: NodeType, coordinates: Sequence[float], space: Sequence[float] | None, in_space: bool
+    ) -> tuple[float, ...] | None:
+        """Return the coordinates of a feature of the object or the target where the task is done.
+
+        Args:
+            node_type: type of the feature.
+            coordinates: in pixels.
+            space: as measured in space, in the camera's frame; a plane needs it.
+            in_space: whether coordinates in space are wanted, which are meters in one frame for all features.
+
+        Returns:
+            None for a feature on neither of them, and when the ground truth does not include the goal.
         """
 
     @property

@@ -17,7 +17,7 @@ from geoskill.evaluation.goal import STRICT_M, GoalResult, evaluate_at_goal
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels
 from geoskill.evaluation.switches import SwitchCount
 from geoskill.features.feature_set import FeatureSet
-from geoskill.geometry.primitives import NodeType, centers
+from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
 from geoskill.model.kernel_model import KernelModel
 from geoskill.simulation.roles import SceneRole
@@ -110,7 +110,9 @@ def evaluate_frame(
         has_association=top is not None,
         feasible=is_feasible(member.kernel, features, labels, tolerance_px),
         correct=joins_object_and_target(nodes, labels, tolerance_px),
-        hits_hand=any(labels.label(node.center, tolerance_px) is SceneRole.AGENT for node in nodes),
+        hits_hand=any(
+            labels.feature_label(node.node_type, node.coordinates, tolerance_px) is SceneRole.AGENT for node in nodes
+        ),
         confidence=0.0 if top is None else float(top.confidence),
         rsw=_residual_sum_of_weights(listed),
         error=None if top is None else math.hypot(*top.error),
@@ -128,7 +130,8 @@ def top_association(result: InferenceResult, member: str) -> Association | None:
 
 def joins_object_and_target(nodes: Sequence[Node], labels: FrameLabels, tolerance_px: float = TOLERANCE_PX) -> bool:
     """Return whether every node is on the object or the target and each of the two has one; False without nodes."""
-    return {labels.label(node.center, tolerance_px, _TASK_ROLES) for node in nodes} == set(_TASK_ROLES)
+    found = {labels.feature_label(node.node_type, node.coordinates, tolerance_px, _TASK_ROLES) for node in nodes}
+    return found == set(_TASK_ROLES)
 
 
 def is_feasible(
@@ -144,7 +147,10 @@ def is_feasible(
     fewest_on_object = most_on_object = 0
     for node_type in node_types(kernel):
         needed = kernel.roles.count(node_type)
-        roles = [labels.label(center, tolerance_px, _TASK_ROLES) for center in _centers(features[node_type])]
+        roles = [
+            labels.feature_label(node_type, row, tolerance_px, _TASK_ROLES)
+            for row in features[node_type].geometry.tolist()
+        ]
         on_object, on_target = roles.count(SceneRole.OBJECT), roles.count(SceneRole.TARGET)
         if on_object + on_target < needed:
             return False
@@ -228,10 +234,6 @@ def _member_features(result: InferenceResult, member: KernelModel) -> dict[NodeT
                 f" {member.kernel.name}"
             )
     return features
-
-
-def _centers(features: FeatureSet) -> list[tuple[float, float]]:
-    return [(float(x), float(y)) for x, y in centers(features.geometry)]
 
 
 def _mean(values: Iterable[float]) -> float | None:

@@ -38,7 +38,7 @@ def evaluate_oracle(
         error is no length.
     """
     errors_m: list[float] = []
-    for frame, frame_features in features.items() if kernel.unit == "px" else ():
+    for frame, frame_features in features.items() if kernel.unit in ("px", "m") else ():
         demonstrated, seen = SimulatedFrame(demonstration, frame), SimulatedFrame(demonstration, frame, goal=recording)
         demonstrated_m, joins = errors_at_goal(kernel, frame_features, demonstrated, demonstrated.goal_pixel_m)
         seen_m, _ = errors_at_goal(kernel, frame_features, seen, seen.goal_pixel_m)

@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from geoskill.errors import InputError
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
+from geoskill.geometry.primitives import NodeType, centers
 from geoskill.simulation.roles import SceneRole
 
 Polygon = Float32[np.ndarray, "_ 2"]
@@ -65,6 +66,22 @@ class FrameRegions(FrameLabels):
         return None
 
     def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> None:
+        """Return None: polygons do not include the goal."""
+
+    def feature_label(
+        self,
+        node_type: NodeType,
+        coordinates: Sequence[float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
+        """See :meth:`FrameLabels.feature_label`."""
+        x, y = centers(np.array([coordinates], np.float64))[0].tolist()
+        return self.label((x, y), tolerance_px, among)
+
+    def feature_at_goal(
+        self, node_type: NodeType, coordinates: Sequence[float], space: Sequence[float] | None, in_space: bool
+    ) -> None:
         """Return None: polygons do not include the goal."""
 
     @property

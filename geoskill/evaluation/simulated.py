@@ -8,9 +8,19 @@ import numpy as np
 from jaxtyping import Int
 
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
-from geoskill.simulation.ground_truth import FrameGroundTruth, SurfacePoint, goal_pixel_m, goal_pixels
+from geoskill.geometry.primitives import NodeType, centers
+from geoskill.simulation.goal_truth import ellipse_at_goal, plane_at_goal
+from geoskill.simulation.ground_truth import (
+    FrameGroundTruth,
+    SurfacePoint,
+    goal_pixel_m,
+    goal_pixels,
+    goal_positions,
+)
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
+
+_TASK_ROLES = (SceneRole.OBJECT, SceneRole.TARGET)
 
 
 @final
@@ -28,6 +38,7 @@ class SimulatedFrame(FrameLabels):
         self._goal = recording if goal is None else goal
         # The same features are looked up repeatedly.
         self._known: dict[tuple[object, ...], SurfacePoint | None] = {}
+        self._ellipses: dict[tuple[float, ...], tuple[SceneRole, tuple[float, ...]] | None] = {}
 
     def label(
         self,
@@ -41,10 +52,52 @@ class SimulatedFrame(FrameLabels):
 
     def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> list[tuple[float, float] | None]:
         """See :meth:`FrameLabels.at_goal`."""
-        points = [self._nearest(point, TOLERANCE_PX, (SceneRole.OBJECT, SceneRole.TARGET)) for point in coordinates]
+        points = [self._nearest(point, TOLERANCE_PX, _TASK_ROLES) for point in coordinates]
         known = [point for point in points if point is not None]
         pixels = iter(goal_pixels(self._goal, known).tolist())
         return [None if point is None else tuple(next(pixels)) for point in points]
+
+    def feature_label(
+        self,
+        node_type: NodeType,
+        coordinates: Sequence[float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
+        """See :meth:`FrameLabels.feature_label`; an ellipse is on what its visible outline is on."""
+        if node_type is NodeType.CONIC:
+            found = self._ellipse_at_goal(tuple(coordinates))
+            return found[0] if found is not None and found[0] in among else None
+        x, y = centers(np.array([coordinates], np.float64))[0].tolist()
+        return self.label((x, y), tolerance_px, among)
+
+    def feature_at_goal(
+        self, node_type: NodeType, coordinates: Sequence[float], space: Sequence[float] | None, in_space: bool
+    ) -> tuple[float, ...] | None:
+        """See :meth:`FrameLabels.feature_at_goal`."""
+        corners = np.array(coordinates, np.float64).reshape(-1, 2)
+        if node_type is NodeType.CONIC:
+            found = self._ellipse_at_goal(tuple(coordinates))
+            return None if found is None or in_space else found[1]
+        if node_type is NodeType.PLANE:
+            plane = np.array(space or [np.nan], np.float64)
+            known = plane_at_goal(self._ground_truth, self._goal, plane, corners) if np.isfinite(plane).all() else None
+            return None if known is None or not in_space else tuple(known[1].tolist())
+        if not in_space:
+            pixels = self.at_goal([(x, y) for x, y in corners.tolist()])
+            return None if None in pixels else tuple(value for pixel in pixels if pixel for value in pixel)
+        points = [self._nearest((x, y), TOLERANCE_PX, _TASK_ROLES) for x, y in corners.tolist()]
+        on_things = [point for point in points if point is not None]
+        if len(on_things) < len(points):
+            return None
+        return tuple(goal_positions(self._goal, on_things).ravel().tolist())
+
+    def _ellipse_at_goal(self, ellipse: tuple[float, ...]) -> tuple[SceneRole, tuple[float, ...]] | None:
+        if ellipse not in self._ellipses:
+            corners = np.array(ellipse, np.float64).reshape(4, 2)
+            found = ellipse_at_goal(self._ground_truth, self._goal, corners)
+            self._ellipses[ellipse] = None if found is None else (found[0], tuple(found[1].ravel().tolist()))
+        return self._ellipses[ellipse]
 
     @cached_property
     def goal_pixel_m(self) -> float:

@@ -89,11 +89,15 @@ def role_of(recording: Recording, body: str, position: Float64[np.ndarray, "3"])
     return None
 
 
-def goal_pixels(recording: Recording, points: Sequence[SurfacePoint]) -> Float64[np.ndarray, "n 2"]:
-    """Return the pixels (x, y) of points on the last frame, on which the goal is reached, whether visible or not."""
+def goal_positions(recording: Recording, points: Sequence[SurfacePoint]) -> Float64[np.ndarray, "n 3"]:
+    """Return the positions of points in the world on the last frame, on which the goal is reached, meters."""
     last = len(recording) - 1
-    in_world = np.array([_in_world(recording, point, last) for point in points]).reshape(-1, 3)
-    return project(recording.view(last), in_world)[0]
+    return np.array([_in_world(recording, point, last) for point in points]).reshape(-1, 3)
+
+
+def goal_pixels(recording: Recording, points: Sequence[SurfacePoint]) -> Float64[np.ndarray, "n 2"]:
+    """Return the pixels (x, y) of points on the last frame, whether visible or not; see :func:`goal_positions`."""
+    return project(recording.view(len(recording) - 1), goal_positions(recording, points))[0]
 
 
 def goal_pixel_m(recording: Recording) -> float:

@@ -15,6 +15,8 @@ from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
+from geoskill.kernels.p2p3 import PointToPointInSpace
+from geoskill.kernels.p2pl import PointToPlane
 from geoskill.kernels.par import Parallel
 from geoskill.simulation.recording import Recording
 from geoskill.simulation.roles import SceneRole
@@ -96,6 +98,53 @@ def test_evaluate_at_goal_lines(
     assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
 
 
+# The point of the box is at (0.1, 0.02, 0.2) at the goal, that of the tile at (0.125, 0.025, 0).
+APART_M = (0.025**2 + 0.005**2 + 0.2**2) ** 0.5
+# Seen from 1 m above: corners around the box and the tile, and their planes as measured in the camera's frame.
+TOP, ON_TILE = (10.0, 13.0, 14.0, 13.0, 14.0, 17.0, 10.0, 17.0), (27.0, 12.0, 33.0, 12.0, 33.0, 18.0, 27.0, 18.0)
+TOP_PLANE, TILE_PLANE = (0.0, 0.0, -1.0, 0.801), (0.0, 0.0, -1.0, 0.998)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "top", "error_m"),
+    [
+        # They meet in the picture alone.
+        (PointToPoint(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.POINT, MEETS_IT)), 0.0),
+        (PointToPointInSpace(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.POINT, MEETS_IT)), APART_M),
+        (PointToPointInSpace(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.POINT, TABLE)), None),
+        # What the plane is measured to be says which one it is, not where.
+        (PointToPlane(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.PLANE, ON_TILE, space=TILE_PLANE)), 0.2),
+        (PointToPlane(), (Node(NodeType.POINT, MEETS_IT), Node(NodeType.PLANE, TOP, space=TOP_PLANE)), 0.2),
+        (PointToPlane(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.PLANE, TOP, space=TILE_PLANE)), None),
+        (PointToPlane(), (Node(NodeType.POINT, ON_BOX), Node(NodeType.PLANE, ON_TILE)), None),
+    ],
+)
+def test_evaluate_at_goal_in_space(
+    labels: SimulatedFrame, kernel: Kernel, top: tuple[Node, ...], error_m: float | None
+) -> None:
+    sets = {}
+    for kind in NodeType:
+        own = [node for node in top if node.node_type is kind]
+        geometry = np.array([node.coordinates for node in own], np.float32).reshape(-1, kind.geometry_dim)
+        space = np.zeros((len(own), kind.space_dim), np.float32)
+        for row, node in zip(space, own, strict=True):
+            row[:] = node.space or (0.0,) * kind.space_dim
+        ones = np.ones((len(own), 1), np.float32)
+        covariance = np.zeros((len(own), kind.space_dim, kind.space_dim), np.float32)
+        sets[kind] = FeatureSet(kind, ones, geometry, ones[:, 0], space=space, space_covariance=covariance)
+    result = evaluate_at_goal(kernel, top, {kind: sets[kind] for kind in kernel.roles}, labels)
+    assert result is not None
+    assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
+    assert result.feasible is (error_m == 0.0)
+
+
+def test_plane_is_labeled_by_its_center_and_an_ellipse_by_its_outline(labels: SimulatedFrame) -> None:
+    assert labels.feature_label(NodeType.PLANE, TOP) is SceneRole.OBJECT
+    assert labels.feature_label(NodeType.PLANE, ON_TILE) is SceneRole.TARGET
+    # Around the finger there is not enough of anything.
+    assert labels.feature_label(NodeType.CONIC, (13.0, 10.0, 11.0, 10.0, 12.0, 11.0, 12.0, 9.0)) is None
+
+
 def test_evaluate_at_goal_without_length_or_goal(labels: SimulatedFrame) -> None:
     assert evaluate_at_goal(Parallel(), nodes(ROW, COLUMN), features(ROW, COLUMN), labels) is None
     outlines = FrameRegions({region: np.zeros((0, 2), np.float32) for region in SceneRole})
@@ -119,6 +168,20 @@ class Pair(FrameLabels):
 
     def at_goal(self, coordinates: Sequence[tuple[float, float]]) -> list[tuple[float, float] | None] | None:
         return [(x + 100 if x < 50 else x, y) for x, y in coordinates]
+
+    def feature_label(
+        self,
+        node_type: NodeType,
+        coordinates: Sequence[float],
+        tolerance_px: float = TOLERANCE_PX,
+        among: Sequence[SceneRole] = tuple(SceneRole),
+    ) -> SceneRole | None:
+        return self.label((coordinates[0], coordinates[1]), tolerance_px, among)
+
+    def feature_at_goal(
+        self, node_type: NodeType, coordinates: Sequence[float], space: Sequence[float] | None, in_space: bool
+    ) -> tuple[float, ...] | None:
+        return None
 
     @property
     def goal_pixel_m(self) -> float | None:
