@@ -3,10 +3,12 @@
 An association of the object with the target may still join the wrong points of the two. The control error of a right
 one is zero when the task is done. Ground truth from simulation knows the position of every point of the object and the
 target then: the features of an association are moved to the goal, and the kernel's error is computed there: in the
-picture for a kernel of the picture, in space for one of space.
+picture for a kernel of the picture, in space for one of space. In space the parts of an association may stay apart,
+such as the lid of a box and the tile under it: where the skill knows how they were in the demonstration, the error is
+what is missing to that.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -36,7 +38,7 @@ class GoalResult:
     Attributes:
         error_m: norm of the control error at the goal in meters; None when a node is on neither object nor target.
         feasible: whether some instance among the features of the frame joins object and target with an error of at most
-            :data:`STRICT_M` at the goal.
+            :data:`STRICT_M` at the goal; or joins them at all, where they may stay apart.
     """
 
     error_m: float | None
@@ -44,7 +46,11 @@ class GoalResult:
 
 
 def evaluate_at_goal(
-    kernel: Kernel, nodes: tuple[Node, ...], features: Mapping[NodeType, FeatureSet], labels: FrameLabels
+    kernel: Kernel,
+    nodes: tuple[Node, ...],
+    features: Mapping[NodeType, FeatureSet],
+    labels: FrameLabels,
+    apart: Sequence[float] | None = None,
 ) -> GoalResult | None:
     """Return the error of an association at the goal, or None when the labels do not know it or it is no length.
 
@@ -57,12 +63,17 @@ def evaluate_at_goal(
         nodes: its nodes; empty where nothing is selected.
         features: features of the frame, of the kernel's node types.
         labels: ground truth of the frame.
+        apart: the control error of the association when the task is done, as the skill says, for a kernel in space; by
+            default zero.
     """
     pixel_m = labels.goal_pixel_m
     if pixel_m is None or kernel.unit not in ("px", "m"):
         return None
     errors_m, joins = errors_at_goal(kernel, features, labels, pixel_m)
-    feasible = bool((joins & (errors_m <= STRICT_M)).any())
+    if kernel.in_space and apart is not None:
+        feasible = bool(joins.any())
+    else:
+        feasible = bool((joins & (errors_m <= STRICT_M)).any())
     nodes_at_goal = []
     for node in nodes:
         coordinates = _at_goal(node, labels, kernel.in_space)
@@ -72,7 +83,10 @@ def evaluate_at_goal(
     if not nodes_at_goal:
         return GoalResult(None, feasible)
     unit_m = pixel_m if kernel.unit == "px" else 1.0
-    return GoalResult(float(kernel.control_error(nodes_at_goal).norm()) * unit_m, feasible)
+    error = kernel.control_error(nodes_at_goal)[0]
+    if kernel.in_space and apart is not None:
+        error = error - torch.tensor(apart, dtype=error.dtype)
+    return GoalResult(float(error.norm()) * unit_m, feasible)
 
 
 def errors_at_goal(

@@ -68,7 +68,7 @@ class FrameLabels(ABC):
             node_type: type of the feature.
             coordinates: in pixels.
             space: as measured in space, in the camera's frame; a plane needs it.
-            in_space: whether coordinates in space are wanted, which are meters in one frame for all features.
+            in_space: whether coordinates in space are wanted, meters in the camera's frame of this frame.
 
         Returns:
             None for a feature on neither of them, and when the ground truth does not include the goal.

@@ -116,7 +116,7 @@ def evaluate_frame(
         confidence=0.0 if top is None else float(top.confidence),
         rsw=_residual_sum_of_weights(listed),
         error=None if top is None else math.hypot(*top.error),
-        goal=evaluate_at_goal(member.kernel, nodes, features, labels),
+        goal=evaluate_at_goal(member.kernel, nodes, features, labels, _apart_at_goal(top)),
     )
 
 
@@ -126,6 +126,13 @@ def top_association(result: InferenceResult, member: str) -> Association | None:
         (association for association in result.associations if (association.member, association.rank) == (member, 1)),
         None,
     )
+
+
+def _apart_at_goal(association: Association | None) -> list[float] | None:
+    """Return the error that an association has when the task is done, as it says itself, or None."""
+    if association is None or association.goal is None:
+        return None
+    return [now - left for now, left in zip(association.error, association.goal.error, strict=True)]
 
 
 def joins_object_and_target(nodes: Sequence[Node], labels: FrameLabels, tolerance_px: float = TOLERANCE_PX) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
+from geoskill.geometry.poses import inverse, transform
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.simulation.goal_truth import ellipse_at_goal, plane_at_goal
 from geoskill.simulation.ground_truth import (
@@ -34,6 +35,7 @@ class SimulatedFrame(FrameLabels):
     """
 
     def __init__(self, recording: Recording, frame: int, goal: Recording | None = None) -> None:
+        self._recording, self._frame = recording, frame
         self._ground_truth = FrameGroundTruth(recording, frame)
         self._goal = recording if goal is None else goal
         # The same features are looked up repeatedly.
@@ -82,7 +84,11 @@ class SimulatedFrame(FrameLabels):
         if node_type is NodeType.PLANE:
             plane = np.array(space or [np.nan], np.float64)
             known = plane_at_goal(self._ground_truth, self._goal, plane, corners) if np.isfinite(plane).all() else None
-            return None if known is None or not in_space else tuple(known[1].tolist())
+            if known is None or not in_space:
+                return None
+            normal, distance = known[1][:3], known[1][3]
+            camera = self._recording.view(self._frame).pose
+            return (*(camera[:3, :3].T @ normal).tolist(), float(distance + normal @ camera[:3, 3]))
         if not in_space:
             pixels = self.at_goal([(x, y) for x, y in corners.tolist()])
             return None if None in pixels else tuple(value for pixel in pixels if pixel for value in pixel)
@@ -90,7 +96,8 @@ class SimulatedFrame(FrameLabels):
         on_things = [point for point in points if point is not None]
         if len(on_things) < len(points):
             return None
-        return tuple(goal_positions(self._goal, on_things).ravel().tolist())
+        to_camera = inverse(self._recording.view(self._frame).pose)
+        return tuple(transform(to_camera, goal_positions(self._goal, on_things)).ravel().tolist())
 
     def _ellipse_at_goal(self, ellipse: tuple[float, ...]) -> tuple[SceneRole, tuple[float, ...]] | None:
         if ellipse not in self._ellipses:

@@ -1,6 +1,7 @@
 """Tests of strict evaluation at the goal on the hand-made recording, whose fixture describes the scene."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,28 @@ def test_evaluate_at_goal_in_space(
     assert result is not None
     assert result.error_m == (None if error_m is None else pytest.approx(error_m, abs=1e-6))
     assert result.feasible is (error_m == 0.0)
+
+
+def test_evaluate_at_goal_in_space_of_what_stays_apart(labels: SimulatedFrame) -> None:
+    top, own = nodes(ON_BOX, MEETS_IT), features(ON_BOX, MEETS_IT)
+    # From the tile to the box, in the camera's frame: 2.5 cm to the left, 5 mm down in the picture, 20 cm nearer.
+    apart = [-0.025, 0.005, -0.2]
+    kernel = PointToPointInSpace()
+    points = {NodeType.POINT: replace(own[NodeType.POINT], **lifted_nowhere(2))}
+    right = evaluate_at_goal(kernel, top, points, labels, apart)
+    assert right is not None
+    assert (right.error_m, right.feasible) == (pytest.approx(0, abs=1e-6), True)
+    wrong = evaluate_at_goal(kernel, top, points, labels, [-0.025, 0.005, -0.196])
+    assert wrong is not None
+    assert (wrong.error_m, wrong.feasible) == (pytest.approx(0.004, abs=1e-6), True)
+    # A kernel of the picture does not take it.
+    meets = evaluate_at_goal(PointToPoint(), top, own, labels, [5.0, 5.0])
+    assert meets is not None
+    assert meets.error_m == pytest.approx(0, abs=1e-6)
+
+
+def lifted_nowhere(count: int) -> dict[str, np.ndarray]:
+    return {"space": np.zeros((count, 3), np.float32), "space_covariance": np.zeros((count, 3, 3), np.float32)}
 
 
 def test_plane_is_labeled_by_its_center_and_an_ellipse_by_its_outline(labels: SimulatedFrame) -> None:
