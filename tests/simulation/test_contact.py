@@ -60,7 +60,7 @@ def test_object_that_is_let_go_above_its_place_rests_there(task_named: TaskNamed
             assert left.deg < 0.6
             assert sum(stage.touched().values()) == pytest.approx(
                 9.81 * stage._model.body(stage.scene.dynamics.body).mass[0],  # type: ignore[attr-defined]
-                rel=0.1,  # the stand of flush is a slope of 24 degrees
+                rel=0.1,  # the stand of flush is a slope of 20 degrees
             )
         let_go(stage, above(stage, 0.02, x=0.06))
         assert stage.distance_to_goal().mm > 20

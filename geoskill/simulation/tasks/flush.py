@@ -13,15 +13,16 @@ from geoskill.simulation.shapes import add_box, add_cylinder, add_material, add_
 from geoskill.simulation.tasks.task import PlanarPose, RigidObject, RolePart, Task, TaskScene
 from geoskill.simulation.textures import cut_card, print_on_card, wood
 
-# The stand's frame is in the middle of its upper face, which leans toward the camera; x is along it, y up the slope.
-# On a level face everything that lies on the table would be flush from the start.
-TILT_RAD = math.radians(24)
+# The stand's frame is in the middle of its upper face; x is up the slope, toward the box's start, and y away from the
+# camera. On a level face everything on the table would be flush from the start, and on one that leans toward the camera
+# nearly so; this one's plane passes far above the box. The box lies against the plate, which is below it.
+TILT_RAD = math.radians(20)
 HALF_STAND = (0.112, 0.062, 0.006)
 # The box is longer than the plate and as thick; it is held behind the plate, where fingers have room beside it.
 HALF_PLATE = (0.050, 0.034, 0.016)
 HALF_BOX = (0.036, 0.054, 0.016)
 GAP = 0.001
-FRONT = -0.055  # y at which plate and box begin, above the ledge of the stand
+FRONT = -0.055  # y at which plate and box begin
 PLATE_CENTER = (-HALF_PLATE[0], FRONT + HALF_PLATE[1], HALF_PLATE[2])
 BOX_CENTER = (GAP + HALF_BOX[0], FRONT + HALF_BOX[1], HALF_BOX[2])
 OBJECT, TARGET = "box", "plate"
@@ -42,8 +43,8 @@ class Flush(Task):
         episode_rng: np.random.Generator,
     ) -> TaskScene:
         """See :meth:`Task.build`."""
-        lean = rotation_about(np.array([TILT_RAD, 0.0, 0.0]))
-        height = HALF_STAND[1] * math.sin(TILT_RAD) + 2 * HALF_STAND[2] * math.cos(TILT_RAD)
+        lean = rotation_about(np.array([0.0, -TILT_RAD, 0.0]))
+        height = HALF_STAND[0] * math.sin(TILT_RAD) + 2 * HALF_STAND[2] * math.cos(TILT_RAD)
         stand = table_pose(-0.075 + target.x, 0.0 + target.y, 0.08 + target.yaw_rad, height) @ pose((0, 0, 0), lean)
         _add_stand(spec, stand, height, appearance_rng)
         paper = tuple(appearance_rng.uniform(190, 235, 3))
@@ -69,16 +70,15 @@ class Flush(Task):
 
 
 def _add_stand(spec: mujoco.MjSpec, stand: Pose, height: float, appearance_rng: np.random.Generator) -> None:
-    """Add the stand: a slanted board with a ledge in front, and a foot that carries its back."""
+    """Add the stand: a slanted board, and a foot that carries its upper end."""
     board = add_material(spec, "stand", wood(appearance_rng, (134, 112, 88), 5.0))
     body = add_mocap_body(spec, "stand", stand)
     half_x, half_y, half_z = HALF_STAND
     add_box(body, HALF_STAND, pose((0, 0, -half_z)), board)
-    add_box(body, (half_x, 0.003, 0.005), pose((0, FRONT - GAP - 0.003, 0.005)), board)
-    upright = rotation_about(np.array([-TILT_RAD, 0.0, 0.0]))
-    back = pose((0, 0.8 * half_y, -half_z)) @ pose((0, 0, 0), upright)
-    rise = height / 2 + 0.4 * half_y * math.sin(TILT_RAD)
-    add_box(body, (half_x, 0.006, rise), back @ pose((0, 0, -rise)), color=(0.40, 0.33, 0.26))
+    upright = rotation_about(np.array([0.0, TILT_RAD, 0.0]))
+    end = pose((0.8 * half_x, 0, -half_z)) @ pose((0, 0, 0), upright)
+    rise = height / 2 + 0.4 * half_x * math.sin(TILT_RAD) - half_z
+    add_box(body, (0.006, half_y, rise), end @ pose((0, 0, -rise)), color=(0.40, 0.33, 0.26))
 
 
 def _add_printed(
