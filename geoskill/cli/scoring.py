@@ -76,8 +76,8 @@ def score(
             seen[:] = [frame]
             yield frame
 
-    def noted(image: UInt8[np.ndarray, "height width 3"]) -> InferenceResult:
-        result = infer(image)
+    def noted(image: UInt8[np.ndarray, "height width 3"], *features_and_depth: Any) -> InferenceResult:
+        result = infer(image, *features_and_depth)
         if selected is not None:
             selected.extend(line for line in association_lines(seen[0], result, skill.members) if line["rank"] <= 1)
         return result
