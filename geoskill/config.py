@@ -15,6 +15,7 @@ from geoskill.schema import setting
 from geoskill.tuning import NegativesConfig, TemporalFilterConfig, TrajectoryConfig
 
 MAX_TOP_K = 1000
+AUTO = "auto"
 # A picture in a hundred seconds; a high-speed camera. Encoders take no others.
 MIN_FRAME_RATE, MAX_FRAME_RATE = 0.01, 10_000.0
 
@@ -278,7 +279,7 @@ MODELS: Mapping[str, type[Config]] = {
 class Learning(Config, ABC):
     """The settings of learning, which :class:`TrainConfig` and the command ``train.py`` share."""
 
-    kernel: Any = setting("p2p", "Kernels of the ensemble.")
+    kernel: Any = setting("p2p", "Kernels of the ensemble; `auto`: those that the demonstration is about.")
     descriptor: Any = setting(lambda: ["sift", "lbd"], "Descriptors; a kernel takes those that fit its nodes.")
     model: Any = setting(MessagePassingConfig, "Network that scores the associations.")
     features: FeaturesConfig = field(default_factory=FeaturesConfig)

@@ -217,7 +217,7 @@ class Registry:
         return cls
 
 
-KERNELS: Final = Registry("kernel", "geoskill.kernels.kernel:Kernel", "geoskill.kernels", reserved=("p2p_l2l",))
+KERNELS: Final = Registry("kernel", "geoskill.kernels.kernel:Kernel", "geoskill.kernels", reserved=("p2p_l2l", "auto"))
 EXTRACTORS: Final = Registry("descriptor", "geoskill.features.extractor:FeatureExtractor", "geoskill.extractors")
 SCORERS: Final = Registry(
     "model",

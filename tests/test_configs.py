@@ -22,7 +22,7 @@ from geoskill.cli import schemas
 from geoskill.cli.compose import compose_training, configuration_folder, register_schemas, typed
 from geoskill.cli.schemas import EvaluateCommandConfig, SimulatedTaskConfig, VideoTaskConfig
 from geoskill.cli.study import Study
-from geoskill.config import OptimizerConfig, ScenarioConfig
+from geoskill.config import AUTO, OptimizerConfig, ScenarioConfig
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
@@ -148,7 +148,10 @@ def test_options_compose_into_valid_dataclasses(group: str, name: str) -> None:
             assert isinstance(typed(cfg, SCHEMAS[command]), SCHEMAS[command])
 
 
-@pytest.mark.parametrize("name", options("kernel"))
+NAMED_KERNELS = [name for name in options("kernel") if name != AUTO]
+
+
+@pytest.mark.parametrize("name", NAMED_KERNELS)
 def test_kernels(name: str) -> None:
     configured = compose_training(f"kernel={name}").kernel
     kernels = {key: KERNELS.build(key, as_plain(arguments))() for key, arguments in configured.items()}
@@ -177,7 +180,7 @@ def test_descriptors_have_the_arguments_of_their_constructor(name: str) -> None:
 
 def test_default_descriptors_serve_every_kernel() -> None:
     described = {EXTRACTORS.build(name, {})().node_type for name in compose("train").descriptor}
-    for name in options("kernel"):
+    for name in NAMED_KERNELS:
         for key in compose_training(f"kernel={name}").kernel:
             assert set(node_types(KERNELS.build(key, {})())) <= described | set(ONLY_DESCRIPTOR)
 
@@ -187,7 +190,7 @@ def test_default_descriptors_serve_every_kernel() -> None:
 def test_models(name: str) -> None:
     arguments = as_plain(compose_training(f"model={name}").model)
     build = SCORERS.build(arguments.pop("name"), arguments)
-    for kernel in options("kernel"):
+    for kernel in NAMED_KERNELS:
         for key in compose_training(f"kernel={kernel}").kernel:
             motif = Motif.of(KERNELS.build(key, {})(), dict.fromkeys(NodeType, 4))
             with torch.device("meta"):  # the paper's network is large

@@ -32,7 +32,7 @@ from geoskill.cli.schemas import (
     VideoTaskConfig,
     WandbConfig,
 )
-from geoskill.config import MODELS, Config, ScenarioConfig, TrainerConfig
+from geoskill.config import AUTO, MODELS, Config, ScenarioConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.plugins import EXTRACTORS, KERNELS, SCORERS, TASKS, Registry
 from geoskill.schema import as_written, check_value, expectation, settings_of
@@ -65,6 +65,7 @@ def register_schemas(command: str, schema: type[Config]) -> None:
     store.store(name=f"{command}_schema", node=schema(**dict.fromkeys(groups)))
     for name in KERNELS.built_in:
         store.store(group="kernel", name=name, node={name: {}})
+    store.store(group="kernel", name=AUTO, node={AUTO: {}})
     for name in EXTRACTORS.built_in:
         store.store(group="descriptor", name=name, node={name: _schema_of_extractor(name)})
     for name, model in MODELS.items():

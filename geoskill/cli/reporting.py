@@ -99,6 +99,7 @@ class _Results:
     def __init__(self, skill: Skill, source: FrameSource, total: int | None) -> None:
         self.frames = 0
         self._source = source.name
+        self._skill = skill
         self._definition = TaskDefinition(skill.members)
         self._errors = ErrorHistory(total)
         self._history: list[tuple[int, str, float, float]] = []
@@ -150,7 +151,7 @@ class _Results:
         for name, end in (("first.jpg", self._first), ("last.jpg", self._last)):
             if end is not None:
                 write_picture(folder / FOLDER / name, draw_associations(end[0].image, end[1]))
-        described = {"source": self._source, **self._definition.as_dict()}
+        described = {"source": self._source, **chosen(self._skill), **self._definition.as_dict()}
         with atomic_open(folder / "skill.yaml") as file:
             file.write(EDITING)
             yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
@@ -158,6 +159,12 @@ class _Results:
             json.dump(summary, file, indent=2)
         plot_inference(self._history, folder / "inference.png")
         return summary
+
+
+def chosen(skill: Skill) -> dict[str, Any]:
+    """Return under ``auto`` which members the demonstration chose; nothing where they were named."""
+    choice = skill.provenance.choice
+    return {} if choice is None else {"auto": choice.as_plain()}
 
 
 def extracted_ahead(

@@ -92,9 +92,16 @@ def train(config: TrainCommandConfig, run: Run) -> None:
 
 
 def _statements(learned: "LearnedSkill") -> list[str]:
-    """Return what the demonstration says of each member, and what helps where nothing was learned."""
+    """Return what the demonstration says of each member, their order, and what helps where nothing was learned."""
+    from geoskill.skill.phases import timeline
+
     evidence = learned.skill.evidence
-    lines = [f"{name}: {own}" for name, own in evidence.items()]
+    choice = learned.skill.provenance.choice
+    lines = [] if choice is None else choice.statements()
+    lines += [f"{name}: {own}" for name, own in evidence.items()]
+    phases = learned.skill.phases
+    if len(phases) > 1:
+        lines += timeline(phases)
     if evidence and not any(own.found for own in evidence.values()):
         lines.append(
             "Its confidence is low everywhere. What helps: a camera at rest, the thing on the table in the first and in"
@@ -116,7 +123,7 @@ def _write_results(
     config: TrainCommandConfig, run: Run, learned: "LearnedSkill", sequence: "LabeledSequence"
 ) -> dict[str, Any]:
     from geoskill.cli.inputs import selection, use_threads
-    from geoskill.cli.reporting import write_inference
+    from geoskill.cli.reporting import chosen, write_inference
     from geoskill.cli.scoring import score
     from geoskill.config import SelectionConfig
     from geoskill.training.quiet import quiet_libraries
@@ -128,6 +135,8 @@ def _write_results(
         **learned.metrics,
         "found": any(own.found for own in evidence.values()),
         "evidence": {name: own.as_plain() for name, own in evidence.items()},
+        "phases": [phase.as_plain() for phase in learned.skill.phases],
+        **chosen(learned.skill),
     }
     with quiet_libraries():
         if sequence.labels is not None:

@@ -8,7 +8,7 @@
                      G' <----- G             the change of error of every instance of G since t
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -90,13 +90,15 @@ class Demonstration(Transitions):
         trajectory: anchors and thresholds of the trajectories; None for the defaults.
         negatives: pictures that the synthetic features come from; None for the defaults.
         depths: of the frames, which members in space need; None without depth.
+        every_member: refuse a demonstration in which some member has no association; otherwise one must have any.
 
     Attributes:
         places: of the carried thing, where they were looked for and found.
         preferences: which features were kept, by the extractor's name, where the places tell.
 
     Raises:
-        InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member.
+        InputError: when ``gap`` or ``max_span_ratio`` is out of range, or no frame has an instance of some member,
+            or of any.
     """
 
     def __init__(
@@ -115,6 +117,7 @@ class Demonstration(Transitions):
         trajectory: TrajectoryConfig | None = None,
         negatives: NegativesConfig | None = None,
         depths: Sequence[DepthPicture] | None = None,
+        every_member: bool = True,
     ) -> None:
         _require_depth(members, depths, name)
         self.frame_count = len(frames)
@@ -141,7 +144,7 @@ class Demonstration(Transitions):
             description="extracting features",
         )
         self._features = {extractor: [features[extractor] for features in extracted] for extractor in pipelines}
-        self._require_instances(name)
+        self._require_instances(name, every_member)
         trajectory = TrajectoryConfig() if trajectory is None else trajectory
         flows = neighbor_flows(frames, gap, progress, threads, recent=gap * trajectory.max_gap_hops)
         self._motions: dict[str, Mapping[tuple[int, int], Displacement]] = {
@@ -179,9 +182,14 @@ class Demonstration(Transitions):
                     features, self._motions[extractor], self._trajectories[extractor], *frames, depths
                 )
 
-    def _require_instances(self, name: str) -> None:
-        for member_name, member in self.members.items():
-            if not any(self._has_instance(member, t) for t in range(self.frame_count)):
+    def _require_instances(self, name: str, every_member: bool) -> None:
+        lacking = {
+            member_name: member
+            for member_name, member in self.members.items()
+            if not any(self._has_instance(member, t) for t in range(self.frame_count))
+        }
+        if every_member or len(lacking) == len(self.members):
+            for member_name, member in lacking.items():
                 raise InputError(
                     f"no frame of {name} has an association of {member_name}; expected features of type"
                     f" {' and '.join(member.extractors)} (raise min_side or choose another descriptor)"
@@ -190,6 +198,15 @@ class Demonstration(Transitions):
     def _has_instance(self, member: KernelModel, t: int) -> bool:
         features = {node_type: self._features[extractor][t] for node_type, extractor in member.extractors.items()}
         return bool(motif_graph(member.kernel, features).instance_index.shape[1] > 0)
+
+    def keep(self, names: Collection[str]) -> None:
+        """Forget all members but these, and what only the others need."""
+        self.members = {name: member for name, member in self.members.items() if name in names}
+        used = {extractor for member in self.members.values() for extractor in member.extractors.values()}
+        for records in (self._features, self._motions, self._negatives, self._trajectories):
+            for extractor in records.keys() - used:
+                del records[extractor]
+        self.preferences = {extractor: own for extractor, own in self.preferences.items() if extractor in used}
 
     def __len__(self) -> int:
         return len(self._transitions)

@@ -1,7 +1,7 @@
 """Several demonstrations of one task, one after the other, as if they were one."""
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import accumulate
 from typing import final
 
@@ -48,6 +48,11 @@ class Demonstrations(Transitions):
             name: merged([own.preferences[name] for own in self._demonstrations if name in own.preferences])
             for name in names
         }
+
+    def keep(self, names: Collection[str]) -> None:
+        """Forget all members but these; see :meth:`Demonstration.keep`."""
+        for demonstration in self._demonstrations:
+            demonstration.keep(names)
 
     def _locate(self, index: int) -> tuple[Demonstration, int]:
         """Return the demonstration of a transition, and its index there."""

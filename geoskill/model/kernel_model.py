@@ -14,6 +14,7 @@ from geoskill.kernels.kernel import Kernel, automorphisms, node_types
 from geoskill.model.evidence import Evidence
 from geoskill.model.goal_reference import GoalReference
 from geoskill.model.scorer import InstanceScorer
+from geoskill.model.settling import Settling
 
 IN_SPACE: Final = {
     "geometry": "space",
@@ -43,8 +44,9 @@ class KernelModel(nn.Module):
             (:mod:`geoskill.model.confidence`).
         reference_axis: ``[2]``, the direction by which segments are directed (:func:`directed_nodes`), of unit length;
             to the right before training.
-        evidence_values: ``[3]``, those of :attr:`evidence`; empty before training. All six are buffers, so that a
-            checkpoint holds them.
+        evidence_values: ``[3]``, those of :attr:`evidence`; empty before training.
+        settling_values: ``[3]``, those of :attr:`settling`; empty before training, and where it is not known. All seven
+            are buffers, so that a checkpoint holds them.
         goal: what is known of the end of the demonstration.
 
     Raises:
@@ -57,6 +59,7 @@ class KernelModel(nn.Module):
     reference_margin: Tensor
     reference_axis: Tensor
     evidence_values: Tensor
+    settling_values: Tensor
 
     def __init__(self, kernel: Kernel, extractors: Mapping[NodeType, str], scorer: InstanceScorer) -> None:
         super().__init__()
@@ -71,6 +74,7 @@ class KernelModel(nn.Module):
         self.register_buffer("reference_margin", torch.zeros(()))
         self.register_buffer("reference_axis", torch.tensor([1.0, 0.0]))
         self.register_buffer("evidence_values", torch.zeros(0))
+        self.register_buffer("settling_values", torch.zeros(0))
         self.goal = GoalReference(kernel)
 
     def set_reward_scale(self, spans: Tensor, beta: Tensor) -> None:
@@ -105,6 +109,16 @@ class KernelModel(nn.Module):
         """Set what the demonstration says of what was learned from it."""
         self.evidence_values = self.evidence_values.new_tensor(astuple(evidence))
 
+    @property
+    def settling(self) -> Settling | None:
+        """When the selected associations settle in the demonstration; None where that is not known."""
+        values = self.settling_values.tolist()
+        return Settling(*values) if values else None
+
+    def set_settling(self, settling: Settling) -> None:
+        """Set when the selected associations settle in the demonstration."""
+        self.settling_values = self.settling_values.new_tensor(astuple(settling))
+
     def moving_node_first(self, graph: MotifGraph, instances: Int64[Tensor, "k p"]) -> Int64[Tensor, "k p"]:
         """List the nodes of each instance of a frame so that the node that moved in the demonstration comes first.
 
@@ -133,7 +147,7 @@ class KernelModel(nn.Module):
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # The lengths of these buffers depend on the demonstration and its descriptors, so the stored shape rules.
-        for name in ("spans", "beta", "node_order", "evidence_values"):
+        for name in ("spans", "beta", "node_order", "evidence_values", "settling_values"):
             if prefix + name in state_dict:
                 buffer = getattr(self, name)
                 setattr(self, name, buffer.new_empty(state_dict[prefix + name].shape))

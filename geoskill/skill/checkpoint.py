@@ -25,6 +25,7 @@ from geoskill.features.preference import FeaturePreference
 from geoskill.io.atomic import atomic_open
 from geoskill.io.tensor_file import load_tensors
 from geoskill.schema import WORDS, as_plain
+from geoskill.skill.choice import Choice
 from geoskill.skill.plain import mapping_of, require_plain, text_of
 from geoskill.skill.spec import SkillSpec
 from geoskill.skill.weights import require_finite
@@ -80,6 +81,7 @@ class Provenance:
         metrics: of the last epoch.
         configuration: of the training, for the reader.
         scene: the simulated scene of the demonstrations, if they were simulated.
+        choice: which members were kept, if the demonstration chose them.
     """
 
     sources: tuple[str, ...]
@@ -92,6 +94,7 @@ class Provenance:
     metrics: Mapping[str, float] = field(default_factory=dict)
     configuration: Mapping[str, Any] = field(default_factory=dict)
     scene: SimulatedScene | None = None
+    choice: Choice | None = None
 
     @classmethod
     def from_plain(cls, value: object) -> "Provenance":
@@ -122,6 +125,7 @@ class Provenance:
             metrics=metrics,
             configuration=mapping_of(entries["configuration"], "provenance.configuration"),
             scene=None if entries["scene"] is None else SimulatedScene.from_plain(entries["scene"]),
+            choice=None if entries["choice"] is None else Choice.from_plain(entries["choice"], "provenance.choice"),
         )
 
 

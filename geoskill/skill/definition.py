@@ -17,6 +17,7 @@ from geoskill.skill.association import Association, InferenceResult, Node
 from geoskill.skill.crops import Crop, crop_around
 from geoskill.skill.definition_edit import shown_tolerance
 from geoskill.skill.member_status import MemberStatus
+from geoskill.skill.phases import phases_of
 from geoskill.skill.pin import MIN_SIMILARITY, encoded_descriptor
 from geoskill.skill.scored_frame import node_roles
 from geoskill.skill.sentences import constraint_sentence, task_sentence
@@ -107,13 +108,15 @@ class TaskDefinition:
         The error norms ``at_start`` and ``at_end`` are medians over the first and the last tenth of the frames that
         have an association. ``goal_tolerance`` is the norm of the goal error up to which an association is at its goal,
         None where no goal was learned. ``share`` is the fraction of all frames whose top association joins the same
-        features. ``pin`` is the number of one of the associations, if only that is to be selected. ``descriptors`` are
-        those of the nodes of the associations, in their order (:mod:`geoskill.skill.pin`).
+        features. ``phases`` are those of the demonstration (:meth:`~geoskill.skill.phases.Phase.as_plain`). ``pin`` is
+        the number of one of the associations, if only that is to be selected. ``descriptors`` are those of the nodes
+        of the associations, in their order (:mod:`geoskill.skill.pin`).
         """
         members = {name: self._member(name, member) for name, member in self._members.items()}
         return {
             "task": task_sentence([[member.kernel for member in self._members.values() if _found(member)]]),
             "degrees_of_freedom": sum(entry["constrains"] for entry in members.values()),
+            "phases": [phase.as_plain() for phase in phases_of(self._members)],
             "members": members,
             "descriptors": {
                 name: [[encoded_descriptor(own) for own in group.descriptors] for group in self._listed(name)]

@@ -22,6 +22,7 @@ from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.definition_edit import DEFINITION, read_edit
+from geoskill.skill.phases import Phase, phases_of
 from geoskill.skill.pin import Pin
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
 from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
@@ -63,6 +64,11 @@ class Skill:
     def evidence(self) -> dict[str, Evidence]:
         """What the demonstration says of each member, by its name; of an unfinished training nothing."""
         return {name: member.evidence for name, member in self.members.items() if member.evidence is not None}
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The phases of the task in their order, as the demonstration has them."""
+        return phases_of(self.members)
 
     def __repr__(self) -> str:
         origin = self.provenance

@@ -2,7 +2,7 @@
 
 ::
 
-    format: 4
+    format: 5
     extractors: {sift: {name: sift, package: geoskill, arguments: {root: false, ...}}}
     members:    {p2p_sift: {kernel: {name: p2p, ...}, extractors: {point: sift}}}
     model:      {name: message_passing, package: geoskill, arguments: {hidden_dim: 32, ...}}
@@ -33,7 +33,7 @@ from geoskill.plugins import EXTRACTORS, KERNELS, NAME, PACKAGE, SCORERS, Regist
 from geoskill.schema import as_plain, settings_of
 from geoskill.skill.plain import mapping_of, text_of
 
-FORMAT = 4
+FORMAT = 5
 # Taken where none is named that describes the type.
 ONLY_DESCRIPTOR = {NodeType.PLANE: "planes", NodeType.CONIC: "conics"}
 MAX_PARTS = 64
@@ -188,6 +188,13 @@ class SkillComponents:
 
     members: dict[str, KernelModel]
     pipelines: dict[str, FeaturePipeline]
+
+    def only(self, spec: SkillSpec) -> "SkillComponents":
+        """Return those of a specification, of the members of which these are all, or more."""
+        return SkillComponents(
+            {name: self.members[name] for name in spec.members},
+            {name: self.pipelines[name] for name in spec.extractors},
+        )
 
 
 def plan_skill(kernel: object, descriptor: object, model: object, features: FeaturesConfig, top_k: int) -> SkillSpec:

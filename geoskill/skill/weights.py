@@ -13,7 +13,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.spec import SkillSpec, build_skill
 
 # Fitted to a demonstration, which decides how long they are.
-STATISTICS = ("spans", "beta", "node_order", "evidence_values")
+STATISTICS = ("spans", "beta", "node_order", "evidence_values", "settling_values")
 GOAL = "goal."
 MAX_GOAL_ROWS = 4096
 """Largest number of features that a skill remembers of the end of its demonstration, of each kind."""
@@ -86,9 +86,13 @@ def _require_goal(
 
 
 def _require_statistics(name: str, weights: Mapping[str, Tensor], width: int) -> None:
-    spans, beta, order, evidence = (weights[key] for key in STATISTICS)
-    if evidence.shape not in ((0,), (3,)):
-        raise _misfit(f"{name}.evidence_values is {shown(list(evidence.shape))}; expected 3 numbers, or none")
+    spans, beta, order = (weights[key] for key in STATISTICS[:3])
+    for key in STATISTICS[3:]:
+        if weights[key].shape not in ((0,), (3,)):
+            raise _misfit(f"{name}.{key} is {shown(list(weights[key].shape))}; expected 3 numbers, or none")
+    share = weights["settling_values"][:1].tolist()
+    if not all(0 <= own <= 1 for own in share):
+        raise _misfit(f"{name}.settling_values begins with {shown(share)}; expected a share from 0 to 1")
     if spans.ndim != 1 or spans.shape != beta.shape:
         raise _misfit(
             f"{name} has spans {shown(list(spans.shape))} and beta {shown(list(beta.shape))}; expected as many"

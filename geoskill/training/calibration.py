@@ -1,4 +1,4 @@
-"""What is fitted to the demonstration when training ends: confidence, direction of segments, goal, and evidence."""
+"""What is fitted to the demonstration when training ends: confidence, direction of segments, goal, evidence, order."""
 
 from collections.abc import Mapping
 
@@ -12,6 +12,7 @@ from geoskill.training.evidence import fit_evidence
 from geoskill.training.goal_reference import fit_goal_reference
 from geoskill.training.reference_axis import fit_reference_axis
 from geoskill.training.selected_frames import first_demonstration
+from geoskill.training.settling import fit_settling
 
 
 def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
@@ -30,11 +31,15 @@ def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) ->
         fit_reference_axis(member, graphs)
         fit_goal_reference(name, member, graphs)
         fit_evidence(member, graphs)
+        fit_settling(member, graphs)
 
 
 def is_calibration(key: str) -> bool:
     """Return whether an entry of a member's state is fitted by :func:`calibrate`."""
-    return key.endswith((".reference_margin", ".reference_axis", ".evidence_values")) or ".goal." in key
+    return (
+        key.endswith((".reference_margin", ".reference_axis", ".evidence_values", ".settling_values"))
+        or ".goal." in key
+    )
 
 
 def uncalibrated(members: Mapping[str, KernelModel], prefix: str) -> dict[str, Tensor]:

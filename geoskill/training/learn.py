@@ -21,11 +21,13 @@ from geoskill.features.cache import FeatureCache
 from geoskill.io.prefetch import Progress
 from geoskill.schema import as_plain
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill, skill_entry, write_checkpoint
+from geoskill.skill.choice import is_auto, only, plan_candidates
 from geoskill.skill.skill import Skill, build_stored
-from geoskill.skill.spec import SkillComponents, build_skill, plan_skill
+from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill, plan_skill
 from geoskill.skill.weights import require_finite
 from geoskill.training.calibration import calibrate
 from geoskill.training.callbacks import MetricsTable, SkillRecord
+from geoskill.training.choice import choose
 from geoskill.training.divergence import DivergenceGuard
 from geoskill.training.module import SkillTraining
 from geoskill.training.prepare import DEMONSTRATIONS, Source, as_sources, prepare
@@ -111,7 +113,8 @@ def learn(
         TrainingInterruptedError: after Ctrl-C.
     """
     config = TrainConfig() if config is None else config
-    spec = plan_skill(config.kernel, config.descriptor, config.model, config.features, config.inference.top_k)
+    auto = is_auto(config.kernel)
+    spec = _plan(config, auto)
     sources = as_sources(demonstrations)
     count = len(sources) if isinstance(sources, Sequence) else count
     if count == 0:
@@ -120,13 +123,27 @@ def learn(
     if stored is not None:
         if init_from is not None:
             raise InputError(f"init_from={init_from}: expected none, as the training of {resume} goes on")
+        spec = _of_the_same_kernels(spec, stored, auto)
         require_same_run(stored, spec, config, scene, count or len(stored.provenance.sources))
+    initial = None if init_from is None else read_skill(init_from)
+    if initial is not None:
+        spec = _of_the_same_kernels(spec, initial, auto)
+    known = stored or initial
     components = build_skill(spec, cache, config.seed)
-    if init_from is not None:
-        initialize(components.members, spec, read_skill(init_from))
+    if initial is not None:
+        initialize(components.members, spec, initial)
     with quiet_libraries(), use_threads(config.threads):
         require_usable(config.trainer)
-        demonstration, provenance = prepare(config, sources, components, progress, scene)
+        undecided = auto and known is None
+        demonstration, provenance = prepare(config, sources, components, progress, scene, every_member=not undecided)
+        if undecided:
+            choice = choose(components.members, demonstration)
+            spec = only(spec, choice.kept)
+            components = components.only(spec)
+            demonstration.keep(choice.kept)
+            provenance = replace(provenance, choice=choice)
+        elif known is not None and (auto or stored is not None):
+            provenance = replace(provenance, choice=known.provenance.choice)
         if stored is not None:
             require_same_spans(stored, demonstration.spans)
             provenance = replace(provenance, date=stored.provenance.date)
@@ -155,6 +172,16 @@ def learn(
     metrics["steps"] = float(trainer.global_step)
     skill = Skill(components, spec, record.provenance)
     return LearnedSkill(skill, metrics, table.rows, trainer.is_global_zero)
+
+
+def _plan(config: TrainConfig, auto: bool) -> SkillSpec:
+    plan = config.descriptor, config.model, config.features, config.inference.top_k
+    return plan_candidates(*plan) if auto else plan_skill(config.kernel, *plan)
+
+
+def _of_the_same_kernels(spec: SkillSpec, stored: StoredSkill, auto: bool) -> SkillSpec:
+    """Return a specification of candidates with those members only that a skill has, to go on with these."""
+    return only(spec, tuple(stored.spec.members)) if auto and set(spec.members) >= set(stored.spec.members) else spec
 
 
 def _fit(

@@ -48,6 +48,8 @@ def prepare(
     components: SkillComponents,
     progress: Progress | None,
     scene: SimulatedScene | None,
+    *,
+    every_member: bool = True,
 ) -> tuple[Demonstrations, Provenance]:
     """Extract the features of every demonstration and follow them through it.
 
@@ -57,6 +59,7 @@ def prepare(
         components: kernels, and the pipelines that feed them; these then keep what the demonstrations tell to prefer.
         progress: shows progress over a sequence, or None.
         scene: the simulated scene that the demonstrations show.
+        every_member: each demonstration needs an instance of every member, not only of some.
 
     Raises:
         InputError: when one cannot be read, is too short, or has no instance of some member.
@@ -81,6 +84,7 @@ def prepare(
                 trajectory=config.demonstration.trajectory,
                 negatives=config.demonstration.negatives,
                 depths=None if frames[0].depth is None else Depths(frames),
+                every_member=every_member,
             )
         )
         names.append(opened.name)

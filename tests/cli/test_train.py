@@ -94,6 +94,9 @@ def test_files_of_a_run(trained: Any) -> None:
     member = definition["members"]["p2p_sift"]
     assert (member["kernel"], member["descriptor"], member["frames"]) == ("p2p", "sift", FRAMES)
     assert member["learned"] == evidence
+    assert figures["phases"] == definition["phases"]  # none where nothing came together
+    assert all(phase["members"] == list(phase["until"]) == ["p2p_sift"] for phase in definition["phases"])
+    assert "auto" not in definition
     assert 0 < sum(entry["share"] for entry in member["associations"]) <= 1.0001
 
     checkpoint = torch.load(folder / "skill.ckpt", weights_only=True)
@@ -150,6 +153,19 @@ def test_kernels_and_ensembles(
     assert definition["degrees_of_freedom"] == freedoms
     checkpoint = torch.load(tmp_path / "skill.ckpt", weights_only=True)
     assert set(checkpoint["skill"]["specification"]["members"]) == members
+
+
+@pytest.mark.slow
+def test_kernels_that_the_demonstration_chooses(command: Command, tiny: Sequence[str], tmp_path: Path) -> None:
+    ended = command("train", *tiny, "kernel=auto", "descriptor=[sift,lbd]", f"hydra.run.dir={tmp_path}")
+    assert (ended.status, ended.folder) == (0, tmp_path), ended.stderr
+    definition = yaml.safe_load((tmp_path / "skill.yaml").read_text())
+    choice = definition["auto"]
+    assert json.loads((tmp_path / "metrics.json").read_text())["auto"] == choice
+    assert choice["kept"] == list(definition["members"])
+    assert {own.partition("_")[0] for own in (*choice["kept"], *choice["dropped"])} == {"p2p", "p2l", "l2l", "par"}
+    assert f"kept: {', '.join(choice['kept'])}" in ended.stdout
+    assert all(f"dropped {name}: {reason}" in ended.stdout for name, reason in choice["dropped"].items())
 
 
 @pytest.mark.slow

@@ -123,7 +123,7 @@ CASES: list[tuple[tuple[str, ...], object, str]] = [
     (
         ("skill", "specification"),
         {},
-        "the skill's format is None; expected 4 (learn it again with this version)",
+        "the skill's format is None; expected 5 (learn it again with this version)",
     ),
     (("skill", "specification", "model"), 3, "the skill's model is 3; expected names with values"),
     (("state_dict",), [1], "the skill's state_dict is [1]; expected names with values"),

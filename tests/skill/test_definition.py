@@ -229,6 +229,7 @@ def test_definition_without_associations(frames: int) -> None:
         "task": "A thing is moved until one point comes onto another.",
         "degrees_of_freedom": 0,
         "descriptors": {"p2p_sift": []},
+        "phases": [],
         "members": {
             "p2p_sift": {
                 "sentence": "One point comes onto another: 2 points, how near is not known; not seen in this video;"

@@ -70,7 +70,7 @@ def test_plan_has_a_member_for_every_fitting_choice(
 SIFT = {"name": "sift", "package": "geoskill", "arguments": {"contrast_threshold": 0.01, "root": False}}
 LBD = {"name": "lbd", "package": "geoskill", "arguments": {"min_length_ratio": 0.015, "band_width": 7}}
 PLAIN = {
-    "format": 4,
+    "format": 5,
     "extractors": {"sift": SIFT, "lbd": LBD},
     "members": {
         "p2l_sift_lbd": {
@@ -404,7 +404,7 @@ def test_from_plain_refuses_missing_and_unknown_top_entries() -> None:
         left = ", ".join(key for key in PLAIN if key != missing)
         expected = f"the skill's specification has {left}; expected {known}"
         if missing == "format":
-            expected = "the skill's format is None; expected 4 (learn it again with this version)"
+            expected = "the skill's format is None; expected 5 (learn it again with this version)"
         assert refused(changed(missing, to=REMOVED)) == expected
     message = f"the skill's specification has {known}, alternatives; expected {known}"
     assert refused(changed("alternatives", to=4)) == message
@@ -412,7 +412,7 @@ def test_from_plain_refuses_missing_and_unknown_top_entries() -> None:
 
 @pytest.mark.parametrize("value", [None, 3, "p2p", [], [PLAIN], torch.zeros(2)], ids=repr)
 def test_from_plain_refuses_other_values(value: object) -> None:
-    assert refused(value) == "the skill's format is None; expected 4 (learn it again with this version)"
+    assert refused(value) == "the skill's format is None; expected 5 (learn it again with this version)"
 
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3, FORMAT + 1, None, "3", [3]])

@@ -41,6 +41,8 @@ def test_every_weight_and_statistic_must_be_finite(checkpoint: dict[str, Any], t
         ({"node_order": torch.zeros(1, 128)}, r"p2p_sift.node_order is \[1, 128\]; expected 128 numbers, or none"),
         ({"spans": torch.zeros(3)}, r"p2p_sift has spans \[3\] and beta \[2\]; expected as many"),
         ({"spans": torch.zeros(2, 1), "beta": torch.zeros(2, 1)}, r"p2p_sift has spans \[2, 1\] and beta \[2, 1\]"),
+        ({"settling_values": torch.zeros(2)}, r"p2p_sift.settling_values is \[2\]; expected 3 numbers, or none"),
+        ({"settling_values": torch.full((3,), 7.0)}, r"p2p_sift.settling_values begins with \[7.0\]; expected a share"),
         ({"reference_margin": torch.zeros(2)}, r"p2p_sift.reference_margin is \[2\]; expected \[\]"),
         ({"scorer.more": torch.zeros(2)}, r"p2p_sift has \['scorer.more'\] and lacks \[\]"),
     ],

@@ -372,3 +372,44 @@ def test_three_frames_are_enough(learn_unchecked: Learn, configured: Configured,
     """One transition there and, with negatives drawn for each, one back."""
     config = configured(1, demonstration={"max_span_ratio": 0, "num_negatives": 2})
     assert learn_unchecked(config, pictures[:3]).metrics["steps"] >= 1
+
+
+@pytest.mark.slow
+def test_auto_learns_as_the_kernels_that_it_keeps(
+    learn_unchecked: Learn, configured: Configured, pictures: np.ndarray, state_of: StateOf, tmp_path: Path
+) -> None:
+    settings = {"demonstration": {"num_negatives": 5}}
+    learned = learn_unchecked(configured(kernel="auto", **settings), pictures, checkpoint=tmp_path / "skill.ckpt")
+    choice = learned.skill.provenance.choice
+    assert choice is not None
+    assert choice.kept == tuple(learned.skill.members)
+    assert {own.partition("_")[0] for own in (*choice.kept, *choice.dropped)} == {"p2p", "p2l", "l2l", "par"}
+    kernels = [name.partition("_")[0] for name in choice.kept]
+    named = learn_unchecked(configured(kernel=kernels, **settings), pictures)
+    ours, theirs = state_of(learned.skill), state_of(named.skill)
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    assert set(learned.skill.pipelines) == set(named.skill.pipelines)
+    assert Skill.load(tmp_path / "skill.ckpt").provenance.choice == choice
+
+
+@pytest.mark.slow
+def test_auto_goes_on_with_what_it_kept(
+    learn_unchecked: Learn, configured: Configured, pictures: np.ndarray, state_of: StateOf, tmp_path: Path
+) -> None:
+    path = tmp_path / "skill.ckpt"
+    whole = learn_unchecked(configured(epochs=3, kernel="auto"), pictures)
+    learn_unchecked(configured(epochs=1, kernel="auto"), pictures, checkpoint=path)
+    resumed = learn_unchecked(configured(epochs=3, kernel="auto"), pictures, resume=path)
+    assert resumed.skill.provenance.choice == whole.skill.provenance.choice
+    ours, theirs = state_of(resumed.skill), state_of(whole.skill)
+    assert all(torch.equal(ours[name], theirs[name]) for name in theirs)
+    again = learn_unchecked(configured(epochs=1, kernel="auto"), pictures, init_from=path)
+    assert again.skill.provenance.choice == whole.skill.provenance.choice
+    assert list(again.skill.members) == list(whole.skill.members)
+
+
+@pytest.mark.parametrize("kernel", [["auto", "p2p"], {"auto": {"x": 1}}, {"auto": {}, "l2l": {}}])
+def test_auto_stands_alone(kernel: Any, pictures: np.ndarray) -> None:
+    with pytest.raises(InputError, match=r"^kernel=.*: expected auto alone, or the names of kernels$"):
+        geoskill.learn(TrainConfig(kernel=kernel), pictures)
