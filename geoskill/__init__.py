@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from geoskill.config import TrainConfig
     from geoskill.plugins import register
+    from geoskill.skill.servoing import Servo
     from geoskill.skill.skill import Skill
     from geoskill.skill.temporal_filter import TemporalFilter
     from geoskill.training.learn import LearnedSkill, learn
@@ -14,10 +15,11 @@ if TYPE_CHECKING:
 # A picture of a few kilobytes may unfold to gigabytes. OpenCV reads its limit, here 8K, when it is imported.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(2**25))
 
-__all__ = ["LearnedSkill", "Skill", "TemporalFilter", "TrainConfig", "learn", "register"]
+__all__ = ["LearnedSkill", "Servo", "Skill", "TemporalFilter", "TrainConfig", "learn", "register"]
 
 _HOME = {
     "LearnedSkill": "geoskill.training.learn",
+    "Servo": "geoskill.skill.servoing",
     "Skill": "geoskill.skill.skill",
     "TemporalFilter": "geoskill.skill.temporal_filter",
     "TrainConfig": "geoskill.config",

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import UInt8
 
+from geoskill.control.decidability import Decidability
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
@@ -21,6 +22,7 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
+from geoskill.skill.decidable import decidability_of
 from geoskill.skill.definition_edit import DEFINITION, read_edit
 from geoskill.skill.phases import Phase, phases_of
 from geoskill.skill.pin import Pin
@@ -165,6 +167,16 @@ class Skill:
         return scored_frame.result(
             {name: scored.associations(scored.best(self.top_k)) for name, scored in scored_frame.members.items()}
         )
+
+    def decidability(self, result: InferenceResult, image_size: tuple[int, int] | None = None) -> Decidability | None:
+        """Return what the associations of a frame determine and what they leave free; None without associations.
+
+        Args:
+            result: of the frame.
+            image_size: width and height, pixels; None for those of the demonstration.
+        """
+        kernels = {name: member.kernel for name, member in self.members.items()}
+        return decidability_of(kernels, result, image_size or self.provenance.image_size)
 
     def extract(
         self, frame: UInt8[np.ndarray, "height width 3"], depth: DepthPicture | None = None
