@@ -25,7 +25,7 @@ from geoskill.plugins import EXTRACTORS, KERNELS, TASKS
 from geoskill.simulation.ground_truth import FrameGroundTruth
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.stage import Stage
-from geoskill.skill.servoing import FeatureFollower, constraints_of
+from geoskill.skill.servoing import FeatureFollower, constraints_of, listing
 from geoskill.skill.temporal_filter import TemporalFilter
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class SimulatedPlants:
         self._config = config
         self._skill: Skill | None = None
         if config.select == "skill" and config.controller.name != "truth":
-            self._skill = load_skill(config.skill, config.device, None, open_disk_cache(config.cache))
+            self._skill = listing(load_skill(config.skill, config.device, None, open_disk_cache(config.cache)))
         scene = None if self._skill is None else self._skill.provenance.scene
         # Things look as in the demonstration; where they are is another matter.
         self._looks = 0 if scene is None else scene.seed

@@ -1,7 +1,8 @@
 """A skill that closes the loop: pictures in, the actor's next movement out."""
 
 from collections.abc import Iterator, Sequence
-from typing import final
+from dataclasses import replace
+from typing import Final, final
 
 import cv2
 import numpy as np
@@ -18,9 +19,15 @@ from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, InferenceResult, NodeRole
 from geoskill.skill.skill import Skill
+from geoskill.skill.spec import SkillComponents
 from geoskill.skill.temporal_filter import TemporalFilter
 from geoskill.tracking.flow import track_sparse
 from geoskill.tuning import TemporalFilterConfig
+
+LISTED: Final = 60
+"""Associations listed per member: the ten best often share a few carried features (docs/experiments/control.md)."""
+MAX_DRIVING: Final = 12
+"""Associations of a member that drive."""
 
 Picture = UInt8[np.ndarray, "height width 3"]
 
@@ -53,29 +60,55 @@ def _points_of(features: FeatureSet) -> Float32[np.ndarray, "p 2"]:
     return np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1).reshape(-1, 2)
 
 
-def constraints_of(skill: Skill, result: InferenceResult, camera: int = 0) -> list[Constraint]:
-    """Return the associations of a picture, of all ranks, as the control law takes them.
+def listing(skill: Skill, count: int = LISTED) -> Skill:
+    """Return the skill with more associations listed per member, at least as many as before."""
+    if skill.top_k >= count:
+        return skill
+    components = SkillComponents(dict(skill.members), dict(skill.pipelines))
+    return Skill(components, replace(skill.spec, top_k=count), skill.provenance)
 
-    Where the goal of an association is known, what is left until there is to become zero, not its error.
+
+def constraints_of(skill: Skill, result: InferenceResult, camera: int = 0) -> list[Constraint]:
+    """Return the associations of a picture that are to drive, as the control law takes them.
+
+    Each set of carried features once, by its best association: others of the same ones say nothing about the angle.
+    Where the goals of a member's associations are known, what is left until there is to become zero, not the error, and
+    those without a goal do not drive (docs/experiments/control.md).
 
     Args:
         skill: that selected them.
         result: of the picture.
         camera: number of the picture.
     """
-    return [
-        Constraint(
-            skill.members[own.member].kernel,
-            tuple(np.array(node.coordinates, np.float64) for node in own.nodes),
-            _carried(own),
-            own.confidence,
-            None if own.goal is None else tuple(np.subtract(own.error, own.goal.error).tolist()),
-            camera,
-            own.member,
-            own.rank,
-        )
-        for own in result.associations
-    ]
+    constraints: list[Constraint] = []
+    for name, member in skill.members.items():
+        own = [association for association in result.associations if association.member == name]
+        with_goal = [association for association in own if association.goal is not None]
+        for rank, association in enumerate(_distinct(with_goal or own)[:MAX_DRIVING], start=1):
+            goal = association.goal
+            constraints.append(
+                Constraint(
+                    member.kernel,
+                    tuple(np.array(node.coordinates, np.float64) for node in association.nodes),
+                    _carried(association),
+                    association.confidence,
+                    None if goal is None else tuple(np.subtract(association.error, goal.error).tolist()),
+                    camera,
+                    name,
+                    rank,
+                )
+            )
+    return constraints
+
+
+def _distinct(associations: Sequence[Association]) -> list[Association]:
+    """Return the first association of every set of carried features."""
+    found: dict[tuple[tuple[float, ...], ...], Association] = {}
+    for own in associations:
+        nodes = zip(own.nodes, _carried(own), strict=True)
+        # Segments may be directed either way; their middles are the same.
+        found.setdefault(tuple(node.center for node, carried in nodes if carried), own)
+    return list(found.values())
 
 
 def _carried(association: Association) -> tuple[bool, ...]:
@@ -120,7 +153,7 @@ class Servo:
         phases: Sequence[Phase] = (),
         selection: TemporalFilterConfig | None = None,
     ) -> None:
-        self._skill = skill
+        self._skill = skill = listing(skill)
         self._config = ServoConfig() if config is None else config
         if cameras < 1:
             raise InputError(f"cameras={cameras}: expected at least 1")

@@ -1,6 +1,7 @@
 """A skill that closes the loop, and what its associations determine."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.kernels.par import Parallel
 from geoskill.skill.association import Association, Goal, InferenceResult, Node, NodeRole
 from geoskill.skill.decidable import decidability_of, satisfied
-from geoskill.skill.servoing import FeatureFollower, constraints_of
+from geoskill.skill.servoing import FeatureFollower, constraints_of, listing
 
 
 @pytest.fixture
@@ -76,14 +77,28 @@ def test_features_are_followed_backward() -> None:
     np.testing.assert_allclose(followed.before - followed.after, np.tile([5.0, 3.0], (5, 1)), atol=0.2)
 
 
-def test_goal_error_becomes_the_target(skill: Skill) -> None:
+def test_goal_error_becomes_the_target_of_each_carried_feature_once(skill: Skill) -> None:
     name = next(iter(skill.members))
-    own = association(skill.members[name].kernel, [(10, 20), (14, 26)], name)
-    goal = Goal(((12.0, 21.0), None), (-2.0, -1.0), (1.0, 1.0))
-    result = InferenceResult((own, Association(**{**vars(own), "rank": 2, "goal": goal})))
-    first, second = constraints_of(skill, result, camera=1)
-    assert (first.target, first.carried, first.camera, first.rank) == (None, (True, False), 1, 1)
-    assert second.target == (-2.0, -5.0)  # error (-4, -6), of which (-2, -1) are left
+    kernel = skill.members[name].kernel
+
+    def of(moving: tuple[int, int], rank: int, left: tuple[float, float] | None) -> Association:
+        own = association(kernel, [moving, (14, 26)], name, rank)
+        return own if left is None else replace(own, goal=Goal(((12.0, 21.0), None), left, (1.0, 1.0)))
+
+    listed = (
+        of((10, 20), 1, (-2.0, -1.0)),
+        of((10, 20), 2, (-3.0, -1.0)),
+        of((30, 20), 3, None),
+        of((9, 9), 4, (1.0, 0.0)),
+    )
+    first, second = constraints_of(skill, InferenceResult(listed), camera=1)
+    assert (first.carried, first.camera, first.rank, second.rank) == ((True, False), 1, 1, 2)
+    assert first.target == (-2.0, -5.0)  # error (-4, -6), of which (-2, -1) are left
+    assert second.nodes[0].tolist() == [9.0, 9.0]
+    without = constraints_of(skill, InferenceResult((listed[2],)))
+    assert [own.target for own in without] == [None]
+    assert listing(skill).top_k == 60
+    assert listing(skill, 1) is skill
 
 
 @pytest.mark.parametrize(
