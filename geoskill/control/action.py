@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Final, final
 
 import numpy as np
@@ -79,7 +80,7 @@ class ActionSpace:
     dofs: tuple[Dof, ...] = UPRIGHT
     limits: Limits = Limits()
 
-    @property
+    @cached_property
     def step(self) -> Action:
         """Largest displacement of one step in each component."""
         return self.of(self.limits.step_m, self.limits.step_rad)
@@ -88,7 +89,7 @@ class ActionSpace:
         """Return an action with one value in all translations and another in all rotations."""
         return np.array([radians if dof.is_rotation else meters for dof in self.dofs])
 
-    @property
+    @cached_property
     def basis(self) -> Float64[np.ndarray, "6 n"]:
         """The twist of one unit of each component."""
         return np.asarray(np.eye(6)[:, [list(Dof).index(dof) for dof in self.dofs]])

@@ -19,6 +19,8 @@ TUKEY: Final = 4.685
 """Residual beyond which the biweight is 0, in standard deviations: 95 % efficient for normal errors."""
 MAD_TO_STD: Final = 1.4826
 ROUNDS: Final = 6
+CONVERGED: Final = 1e-3
+"""Change of all weights below which there are no further rounds."""
 MIN_SCALE: Final = 1.0
 """Smallest standard deviation of a residual, pixels."""
 FIRST_SCALE: Final = 8.0
@@ -116,7 +118,9 @@ def robust_weights(equations: Equations, driven: Sequence[int]) -> Weights:
             equations.normal(total, driven), equations.gradient(total, driven, equations.error)
         )
         residuals = equations.residuals(action)
-        weights = biweight(residuals, max(MAD_TO_STD * _median(residuals), MIN_SCALE))
+        before, weights = weights, biweight(residuals, max(MAD_TO_STD * _median(residuals), MIN_SCALE))
+        if float(np.abs(weights - before).max()) < CONVERGED:
+            break
     return weights
 
 
