@@ -53,7 +53,8 @@ def decidability_of(
     cameras = nominal_cameras(*size)
     placed = []
     for own in result.associations:
-        if own.confidence >= MIN_CONFIDENCE and (max_rank is None or own.rank <= max_rank):
+        in_picture = not kernels[own.member].in_space
+        if in_picture and own.confidence >= MIN_CONFIDENCE and (max_rank is None or own.rank <= max_rank):
             nodes, carried = satisfied(kernels[own.member], own)
             in_space = [_on_table(cameras[0], node.reshape(-1, 2)) for node in nodes]
             if all(np.isfinite(points).all() for points in in_space):

@@ -65,7 +65,7 @@ def listing(skill: Skill, count: int = LISTED) -> Skill:
     if skill.top_k >= count:
         return skill
     components = SkillComponents(dict(skill.members), dict(skill.pipelines))
-    return Skill(components, replace(skill.spec, top_k=count), skill.provenance)
+    return Skill(components, replace(skill.spec, top_k=count), skill.provenance, skill.pins)
 
 
 def constraints_of(skill: Skill, result: InferenceResult, camera: int = 0) -> list[Constraint]:
@@ -82,6 +82,8 @@ def constraints_of(skill: Skill, result: InferenceResult, camera: int = 0) -> li
     """
     constraints: list[Constraint] = []
     for name, member in skill.members.items():
+        if member.kernel.in_space:  # whose errors are no pixels: the field of the picture says nothing about them
+            continue
         own = [association for association in result.associations if association.member == name]
         with_goal = [association for association in own if association.goal is not None]
         for rank, association in enumerate(_distinct(with_goal or own)[:MAX_DRIVING], start=1):
