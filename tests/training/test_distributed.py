@@ -51,10 +51,12 @@ def test_ddp_in_two_processes_makes_one_run(demonstration_folder: Path, tmp_path
     assert sorted(path.name for path in run.iterdir()) == [
         ".hydra",
         "associations.jsonl",
+        "definition",
         "inference.png",
         "metrics.csv",
         "metrics.json",
         "overlay.mp4",
+        "report.html",
         "skill.ckpt",
         "skill.yaml",
         "training.png",
