@@ -12,6 +12,8 @@ FRAMES = 60
 REACHES, TAKES, PUTS, RETURNS = 8, 20, 36, 48
 OLD_XY, NEW_XY = (36, 84), (118, 76)
 HAND_RADIUS = 6
+# From the hand to the center of what it carries.
+BELOW_THE_HAND = np.array([0.0, 6.0])
 
 
 @final
@@ -57,7 +59,7 @@ def draw(carrying: Carrying) -> list[np.ndarray]:
             _draw_thing(picture, NEW_XY, carrying.turned, carrying, print_on_it)
         else:
             share = np.clip((t - TAKES) / (PUTS - TAKES), 0, 1)
-            _draw_thing(picture, (hand[0], hand[1] + 6), carrying.turned * share, carrying, print_on_it)
+            _draw_thing(picture, tuple(hand + BELOW_THE_HAND), carrying.turned * share, carrying, print_on_it)
         elbow, tip = (80, -20), (round(float(hand[0])), round(float(hand[1])))
         cv2.line(picture, elbow, tip, (90, 60, 50), 7)
         cv2.circle(picture, tip, HAND_RADIUS, (220, 170, 150), -1)

@@ -76,8 +76,13 @@ def synthesize_negatives(
 def append_negatives(
     features: FeatureSet, displacement: Displacement, trajectory: Trajectory, negatives: FeatureSet
 ) -> tuple[FeatureSet, Displacement, Trajectory]:
-    """Return a frame's features with negatives after them, which are neither tracked nor known at any other time."""
+    """Return a frame's features with negatives after them, which are neither tracked nor known at any other time.
+
+    Where it is known what the features belong to, it is known that the negatives have no part in the task. They would
+    otherwise count as what may approach, and outnumber the few features of a plain thing (docs/experiments/places.md).
+    """
     count = len(negatives)
+    part = Part.UNRELATED if bool((trajectory.part != Part.UNKNOWN).any()) else Part.UNKNOWN
     weakest = features.scores[-1] if len(features) else 0.0
     joined = joined_features([features, replace(negatives, scores=np.full(count, weakest, np.float32))])
     geometry = torch.from_numpy(negatives.geometry)
@@ -95,7 +100,7 @@ def append_negatives(
             torch.cat([trajectory.first_known_anchor, trajectory.first_known_anchor.new_full((count,), anchors)]),
             torch.cat([trajectory.final_xy, geometry]),
             _append_false(trajectory.final_known, count),
-            torch.cat([trajectory.part, torch.full((count,), Part.UNKNOWN)]),
+            torch.cat([trajectory.part, torch.full((count,), part)]),
             _append(trajectory.anchor_space, None if space is None else space[:, None].expand(-1, anchors, -1)),
             _append(trajectory.final_space, space),
         ),

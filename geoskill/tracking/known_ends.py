@@ -3,7 +3,8 @@
 ::
 
     at rest at either place      it is known where the feature is at the start and at the end
-    in between                   a feature that looks like one of the thing at rest, and like nothing else, is that one
+    in between                   a feature where the thing is seen moves with it; one near it that looks like one of the
+                                 thing at rest, and like nothing else, is that one
     background                   it stays where it is
     around the thing             unknown: it may belong to either
     the rest                     unrelated: a person, or what a person covers; it does not define the task
@@ -37,11 +38,13 @@ class KnownEnds:
     Attributes:
         part: the :class:`Part` of each feature.
         at_rest: whether a feature is on the thing at one of its places.
-        start, end: ``[n, g]`` in pixels; the frame's own geometry where not known.
+        carried: whether a feature is seen on the thing between its places.
+        start, end: ``[n, g]`` in pixels of the first frame; where the feature is now where not known.
     """
 
     part: Int64[np.ndarray, " n"]
     at_rest: Bool[np.ndarray, " n"]
+    carried: Bool[np.ndarray, " n"]
     start: Float32[np.ndarray, "n g"]
     end: Float32[np.ndarray, "n g"]
 
@@ -68,7 +71,7 @@ def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds
         np.concatenate([ends.end[ends.at_rest] for _, ends in at_rest]),
     )
     return [
-        _recognized(own, ends, pool) if frame >= places.picked else ends
+        _recognized(own, ends, pool, places.is_located(frame)) if frame >= places.picked else ends
         for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
     ]
 
@@ -87,7 +90,7 @@ def preference_of(candidates: Mapping[int, FeatureSet], count: int, places: Plac
     thing, target, others = [], [], []
     for frame, features in candidates.items():
         part = _resting(features, frame, count, places).part
-        near = is_in(places.around_new, features.geometry)
+        near = is_in(places.around_new, places.camera.to_first(frame, features.geometry))
         thing.append(features.descriptors[part == Part.THING])
         target.append(features.descriptors[(part == Part.BACKGROUND) & near])
         others.append(features.descriptors[(part == Part.UNRELATED) | ((part == Part.BACKGROUND) & ~near)])
@@ -106,14 +109,17 @@ def with_known_displacements(
     """Return the displacements, corrected where the places tell more; see :func:`chain_displacements`."""
     corrected = {}
     for (frame, span), displacement in displacements.items():
-        own, known = features[frame].geometry, ends[frame]
+        known, other = ends[frame], frame + span
+        own = places.camera.to_first(frame, features[frame].geometry)
         geometry, tracked = displacement.next_geometry.numpy().copy(), displacement.tracked.numpy().copy()
-        moved = places.moved(frame, frame + span, own)
+        moved = places.moved(frame, other, own)
         if moved is not None:
-            geometry[known.at_rest], tracked[known.at_rest] = moved[known.at_rest], True
+            on_thing = known.at_rest | known.carried
+            geometry[on_thing] = places.camera.from_first(other, moved[on_thing])
+            tracked[on_thing] = True
         background, unrelated = known.part == Part.BACKGROUND, known.part == Part.UNRELATED
-        geometry[background], tracked[background] = own[background], True
-        geometry[unrelated], tracked[unrelated] = own[unrelated], False
+        geometry[background], tracked[background] = places.camera.from_first(other, own[background]), True
+        geometry[unrelated], tracked[unrelated] = features[frame].geometry[unrelated], False
         corrected[frame, span] = Displacement(torch.from_numpy(geometry), torch.from_numpy(tracked))
     return corrected
 
@@ -149,28 +155,30 @@ class _Pool:
 def _resting(own: FeatureSet, frame: int, count: int, places: Places) -> KnownEnds:
     """Return what the places alone tell of a frame's features."""
     thing, background = places.resting(frame)
-    on_background = is_in(background, own.geometry)
-    at_rest = np.zeros(len(own), bool) if thing is None else is_in(thing, own.geometry)
-    start, end = own.geometry, own.geometry
-    if thing is not None:
-        ends = [places.moved(frame, other, own.geometry) for other in (0, count - 1)]
-        start, end = (
-            own.geometry if moved is None else np.where(at_rest[:, None], moved, own.geometry) for moved in ends
-        )
-    in_seam = is_in(places.seam(frame), own.geometry)
+    region = places.carried_region(frame)
+    geometry = places.camera.to_first(frame, own.geometry)
+    nowhere = np.zeros(len(own), bool)
+    at_rest = nowhere if thing is None else is_in(thing, geometry)
+    carried, near = (nowhere, nowhere) if region is None else (is_in(own_region, geometry) for own_region in region)
+    on_thing = at_rest | carried
+    ends = [places.moved(frame, other, geometry) if on_thing.any() else None for other in (0, count - 1)]
+    start, end = (geometry if moved is None else np.where(on_thing[:, None], moved, geometry) for moved in ends)
+    unsure = near | is_in(places.seam(frame), geometry)
     part = np.select(
-        [at_rest, on_background, in_seam], [Part.THING, Part.BACKGROUND, Part.UNKNOWN], default=Part.UNRELATED
+        [on_thing, is_in(background, geometry), unsure],
+        [Part.THING, Part.BACKGROUND, Part.UNKNOWN],
+        default=Part.UNRELATED,
     )
-    return KnownEnds(part.astype(np.int64), at_rest, start, end)
+    return KnownEnds(part.astype(np.int64), at_rest, carried, start, end)
 
 
-def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool) -> KnownEnds:
-    """Add the features that look like one of the thing at rest.
+def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool, located: bool) -> KnownEnds:
+    """Add the features that look like one of the thing at rest; where it is located, only those that may be on it.
 
     Others of the thing in motion count as unrelated. That costs less than to know nothing of the person next to it
     (docs/experiments/places.md).
     """
-    rows = np.flatnonzero(~ends.known)
+    rows = np.flatnonzero(ends.part == Part.UNKNOWN if located else ~ends.known)
     start, end, matched = ends.start.copy(), ends.end.copy(), np.zeros(len(own), bool)
     if len(rows) and len(pool.thing) and len(pool.others):
         difference = _differences(own.descriptors[rows], pool.thing)

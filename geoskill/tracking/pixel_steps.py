@@ -5,7 +5,7 @@ One of the place where it is put down shows the reverse. Both change in one step
 leaves changes many times, or gradually. Only the ends of the demonstration and the time of the step matter, so nothing
 has to be tracked while the thing moves fast, turns, or is hidden by the hand.
 
-The camera is taken to be at rest.
+Where the camera moved, the pictures are first laid over the first one (:mod:`geoskill.tracking.camera_motion`).
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,19 @@ from typing import final
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8, UInt16
 
 from geoskill.geometry.sampling import resized
+from geoskill.tracking.camera_motion import IDENTITY, CameraMotion, camera_transforms, resized_transform
+from geoskill.tracking.color_bins import color_bins
 
 # Pictures are compared at this shorter side, and no more than so many of them, evenly spaced.
 WORKING_SIDE = 240
 MAX_PICTURES = 240
 # Pictures at either end whose median shows how things are before and after.
 END_PICTURES = 3
+# Pictures whose median is a typical one, about.
+TYPICAL_PICTURES = 40
 # Smallest differences in Lab that count, a few times what noise and compression leave after the blur: between the ends,
 # and from one picture to the next.
 MIN_CHANGE = 12.0
@@ -47,6 +51,9 @@ class PixelSteps:
             it on; 1 where nothing changed.
         moving: whether a pixel differs from the picture before it; False in the first.
         like_before, like_after: whether a pixel and its neighbors look as in the first, or in the last pictures.
+        usual: whether a pixel looks as in the first, the last, or a typical picture.
+        colors: of the pixels, in bins (:mod:`geoskill.tracking.color_bins`).
+        camera: how it moved; all pixels are those of the first picture.
     """
 
     frames: Int64[np.ndarray, " s"]
@@ -58,6 +65,9 @@ class PixelSteps:
     moving: Bool[np.ndarray, "s h w"]
     like_before: Bool[np.ndarray, "s h w"]
     like_after: Bool[np.ndarray, "s h w"]
+    usual: Bool[np.ndarray, "s h w"]
+    colors: UInt16[np.ndarray, "s h w"]
+    camera: CameraMotion
 
     def nearest(self, frame: int) -> int:
         """Return the index of the picture that was compared and is nearest to a frame in time."""
@@ -68,11 +78,11 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     """Compare the RGB pictures of a demonstration; see :class:`PixelSteps`."""
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_PICTURES)).round().astype(np.int64))
-    pictures = _small_labs(frames, chosen)
+    pictures, seen, camera = _steady_labs(frames, chosen)
     before, after = (np.median(ends, axis=0) for ends in (pictures[:END_PICTURES], pictures[-END_PICTURES:]))
     difference = np.linalg.norm(after - before, axis=2)
     # Light that changes everywhere is no change of a place.
-    changed = _opened(difference > max(MIN_CHANGE, 3.0 * float(np.median(difference))))
+    changed = _opened(difference > max(MIN_CHANGE, 3.0 * float(np.median(difference)))) & seen
     step = np.zeros(changed.shape, np.int64)
     inconsistency = np.ones(changed.shape, np.float32)
     if changed.any():
@@ -83,29 +93,61 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     motion = [np.linalg.norm(second - first, axis=2) for first, second in pairwise(pictures)]
     moving = np.zeros((len(chosen), *changed.shape), bool)
     noise = float(np.median(motion))
-    moving[1:] = [_opened(picture > max(MIN_MOTION, 4.0 * noise)) for picture in motion]
-    like_before, like_after = (
-        np.stack([_eroded(np.linalg.norm(picture - end, axis=2) < MIN_CHANGE) for picture in pictures])
-        for end in (before, after)
+    moving[1:] = [_opened(picture > max(MIN_MOTION, 4.0 * noise)) & seen for picture in motion]
+    typical = np.median(pictures[:: max(1, len(pictures) // TYPICAL_PICTURES)], axis=0)
+    like_before, like_after, like_typical = (
+        np.stack([_eroded(np.linalg.norm(picture - end, axis=2) < MIN_CHANGE) & seen for picture in pictures])
+        for end in (before, after, typical)
     )
-    return PixelSteps(chosen, before, after, changed, step, inconsistency, moving, like_before, like_after)
+    return PixelSteps(
+        chosen,
+        before,
+        after,
+        changed,
+        step,
+        inconsistency,
+        moving,
+        like_before,
+        like_after,
+        usual=like_before | like_after | like_typical,
+        colors=np.stack([color_bins(picture) for picture in pictures]),
+        camera=camera,
+    )
 
 
-def _small_labs(
+def _steady_labs(
     frames: Sequence[UInt8[np.ndarray, "height width 3"]], chosen: Int64[np.ndarray, " s"]
-) -> Float32[np.ndarray, "s h w 3"]:
-    """Return some frames in Lab at the working size, exposed as the first of the demonstration."""
-    first = _small(frames[0])
-    pictures = np.zeros((len(chosen), *first.shape), np.float32)
-    for number, t in enumerate(chosen.tolist()):  # not stacked from a list, which would take the memory twice
-        pictures[number] = _lab(_exposed_as(first, _small(frames[t])))
-    return pictures
+) -> tuple[Float32[np.ndarray, "s h w 3"], Bool[np.ndarray, "h w"], CameraMotion]:
+    """Return some frames in Lab at the working size, exposed as the first of the demonstration and laid over it.
+
+    With them, the pixels that all of them show, and how the camera moved.
+    """
+    scale = _scale(frames[0])
+    reduced = [resized(frames[t], scale) for t in chosen.tolist()]
+    transforms = camera_transforms([cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in reduced])
+    height, width = reduced[0].shape[:2]
+    first, seen = _blurred(reduced[0]), np.ones((height, width), bool)
+    pictures = np.zeros((len(chosen), height, width, 3), np.float32)
+    for number, transform in enumerate(transforms):  # not stacked from a list, which would take the memory twice
+        picture = _blurred(reduced[number])
+        if (transform != IDENTITY).any():
+            picture, inside = (
+                cv2.warpAffine(own, transform, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+                for own in (picture, np.ones((height, width), np.float32))
+            )
+            seen &= inside == 1.0
+        pictures[number] = _lab(_exposed_as(first, picture))
+    full = np.stack([resized_transform(transform, 1.0 / scale) for transform in transforms])
+    return pictures, seen, CameraMotion(chosen, full)
 
 
-def _small(frame: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "h w 3"]:
-    """Return a picture at the working size, in [0, 1], without its finest detail."""
-    small = resized(frame, min(1.0, WORKING_SIDE / min(frame.shape[:2]))).astype(np.float32) / 255.0
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR_PX), np.float32)
+def _scale(frame: UInt8[np.ndarray, "height width 3"]) -> float:
+    return min(1.0, WORKING_SIDE / float(min(frame.shape[:2])))
+
+
+def _blurred(picture: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
+    """Return a picture in [0, 1], without its finest detail."""
+    return np.asarray(cv2.GaussianBlur(picture.astype(np.float32) / 255.0, (0, 0), BLUR_PX), np.float32)
 
 
 def _exposed_as(

@@ -18,11 +18,13 @@ from typing import final
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
-from scipy.ndimage import gaussian_filter
 
 from geoskill.features.sift import sift_detector
 from geoskill.geometry.primitives import centers
+from geoskill.tracking.camera_motion import CameraMotion, transformed
+from geoskill.tracking.carried_path import CarriedPath, carried_path
 from geoskill.tracking.changed_regions import ChangedRegion, changed_regions, grown
+from geoskill.tracking.color_bins import color_bins, color_histogram
 from geoskill.tracking.pixel_steps import PixelSteps, pixel_steps
 
 Picture = UInt8[np.ndarray, "height width 3"]
@@ -36,6 +38,9 @@ MIN_CARRYING_RATIO = 0.02
 # Width of the seam between a thing and its surroundings, as a ratio of the shorter side of the frame. A feature in it
 # describes both.
 SEAM_RATIO = 0.01
+# Radii, over the size of the thing, within which the carried one is seen, and within which it may be.
+THING_RADIUS = 0.7
+NEAR_RADIUS = 1.0
 # Matches that agree on a similarity, at least; their error in pixels, at most; ratio of the best to the second best.
 MIN_MATCHES = 4
 MATCH_TOLERANCE_PX = 4.0
@@ -47,7 +52,7 @@ CONTRAST_THRESHOLD = 0.01
 @final
 @dataclass(frozen=True, eq=False)
 class Places:
-    """The two places of the carried thing, in pixels of the frames.
+    """The two places of the carried thing, in pixels of the first frame.
 
     Attributes:
         old, new: masks of the thing at either place.
@@ -55,6 +60,7 @@ class Places:
         placed: first frame from which on the thing lies at its new place.
         to_new: ``[2, 3]``, the similarity that takes the thing from its old place to its new one.
         score: in [0, 1], how well this pair fits.
+        path: where the thing is in between.
         steps: of the pixels, from which the places were found.
     """
 
@@ -64,14 +70,20 @@ class Places:
     placed: int
     to_new: Float64[np.ndarray, "2 3"]
     score: float
+    path: CarriedPath
     steps: PixelSteps
+
+    @property
+    def camera(self) -> CameraMotion:
+        """How the camera moved."""
+        return self.steps.camera
 
     def carried(self, frame: int) -> bool:
         """Tell whether the thing is at neither place in a frame, or may be."""
         return self.picked <= frame < self.placed
 
     def resting(self, frame: int) -> tuple[Region | None, Region]:
-        """Return where the thing is seen at rest in a frame, or None, and where the background is.
+        """Return where the thing is seen at rest in a frame, or None, and where the background is, in first pixels.
 
         The background is what looks as in the first or the last pictures, and did not change between them, or is not
         yet, or no longer, covered by the thing.
@@ -86,6 +98,28 @@ class Places:
             return None, background
         return (self.old & before if frame < self.picked else self.new & after), background
 
+    def carried_region(self, frame: int) -> tuple[Region, Region] | None:
+        """Return where the carried thing is seen in a frame, and where it may be; None where that is not known."""
+        number = self.path.number(frame) if self.carried(frame) else None
+        if number is None:
+            return None
+        height, width = self.old.shape
+        y, x = np.ogrid[:height, :width]
+        distance = np.hypot(x - self.path.centers[number, 0], y - self.path.centers[number, 1])
+        like = _enlarged(self.path.thing_like[number], self.old.shape)
+        return (distance < THING_RADIUS * self.path.size_px) & like, distance < NEAR_RADIUS * self.path.size_px
+
+    def is_located(self, frame: int) -> bool:
+        """Tell whether the carried thing is seen in a frame."""
+        return self.carried(frame) and self.path.number(frame) is not None
+
+    def center(self, frame: int) -> Float64[np.ndarray, "2"] | None:
+        """Return the thing's center in a frame, in first pixels, or None where it is not known."""
+        if not self.carried(frame):
+            return self._centers[0] if frame < self.picked else self._centers[1]
+        number = self.path.number(frame)
+        return None if number is None else self.path.centers[number]
+
     def seam(self, frame: int) -> Region:
         """Return the place at which the thing rests in a frame, with what cannot be told apart from it there."""
         if self.carried(frame):
@@ -93,24 +127,31 @@ class Places:
         return self._wide_old if frame < self.picked else self._wide_new
 
     def moved(self, frame: int, other: int, geometry: Float32[np.ndarray, "n g"]) -> Float32[np.ndarray, "n g"] | None:
-        """Return where points or segments of the thing at rest in one frame are in another, or None.
+        """Return where points or segments of the thing at rest in one frame are in another, or None, in first pixels.
 
-        None when it does not rest at one of its places in both.
+        None when it is not known where it is. While it is carried, its turn is taken to be that of the frame.
         """
         if self.carried(frame) or self.carried(other):
-            return None
+            here, there = self.center(frame), self.center(other)
+            if here is None or there is None:
+                return None
+            return np.asarray(geometry + np.tile(there - here, geometry.shape[1] // 2), np.float32)
         was_old, is_old = frame < self.picked, other < self.picked
         if was_old == is_old:
             return geometry
         transform = self.to_new if was_old else cv2.invertAffineTransform(self.to_new)
-        points = geometry.reshape(len(geometry), geometry.shape[1] // 2, 2)
-        return np.asarray((points @ transform[:, :2].T + transform[:, 2]).reshape(geometry.shape), np.float32)
+        return transformed(transform, geometry)
 
     @cached_property
     def around_new(self) -> Region:
         """Where the target is seen: the new place, and around it as far as the thing is large."""
         size_px = max(1, round(float(np.sqrt(self.new.sum()))))
         return np.asarray(grown(self.new.astype(np.uint8), size_px) > 0)
+
+    @cached_property
+    def _centers(self) -> tuple[Float64[np.ndarray, "2"], Float64[np.ndarray, "2"]]:
+        old, new = (np.argwhere(mask).mean(axis=0)[::-1] for mask in (self.old, self.new))
+        return old, new
 
     @cached_property
     def _wide_old(self) -> Region:
@@ -145,13 +186,16 @@ def find_places(frames: Sequence[Picture]) -> Places | None:
     if old is None or new is None or score < MIN_SCORE:
         return None
     old_mask, new_mask = (_enlarged(region.mask > 0, frames[0].shape[:2]) for region in (old, new))
+    picked, placed = max(0, old.step - 1), new.step
+    scale = old.mask.shape[0] / frames[0].shape[0]
     return Places(
         old_mask,
         new_mask,
-        picked=int(steps.frames[max(0, old.step - 1)]),
-        placed=int(steps.frames[new.step]),
-        to_new=_alignment(frames[0], old_mask, frames[-1], new_mask),
+        picked=int(steps.frames[picked]),
+        placed=int(steps.frames[placed]),
+        to_new=_alignment(frames[0], old_mask, _steadied(frames[-1], steps.camera), new_mask),
         score=score,
+        path=carried_path(steps, old.mask > 0, new.mask > 0, picked, placed, scale),
         steps=steps,
     )
 
@@ -162,6 +206,14 @@ def is_in(region: Region, geometry: Float32[np.ndarray, "n g"]) -> Bool[np.ndarr
     x, y = centers(geometry).round().astype(np.int64).T
     inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     return np.asarray(inside & region[y.clip(0, height - 1), x.clip(0, width - 1)])
+
+
+def _steadied(last: Picture, camera: CameraMotion) -> Picture:
+    """Return the last frame laid over the first one."""
+    if camera.at_rest:
+        return last
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(last, camera.transforms[-1], last.shape[1::-1], flags=flags), np.uint8)
 
 
 def _enlarged(mask: Bool[np.ndarray, "h w"], shape: tuple[int, ...]) -> Region:
@@ -181,15 +233,12 @@ def _pair_score(steps: PixelSteps, old: ChangedRegion, new: ChangedRegion) -> fl
     if new.step <= old.step + MIN_CARRYING_RATIO * len(steps.frames):
         return 0.0
     areas = float(old.mask.sum()), float(new.mask.sum())
-    alike = float(np.sqrt(_colors(steps.before, old.mask) * _colors(steps.after, new.mask)).sum())
+    old_colors, new_colors = (
+        color_histogram(color_bins(picture[mask > 0]))
+        for picture, mask in ((steps.before, old.mask), (steps.after, new.mask))
+    )
+    alike = float(np.sqrt(old_colors * new_colors).sum())
     return old.quality * new.quality * alike * min(1.0, 2.0 * min(areas) / max(areas))
-
-
-def _colors(picture: Float32[np.ndarray, "h w 3"], mask: UInt8[np.ndarray, "h w"]) -> Float64[np.ndarray, "l a b"]:
-    """Return the smoothed histogram of the colors in a region, in bins of about 8 units of Lab; its sum is 1."""
-    histogram, _ = np.histogramdd(picture[mask > 0], bins=(12, 32, 32), range=((0, 100), (-128, 128), (-128, 128)))
-    smooth = gaussian_filter(histogram, 0.8)
-    return np.asarray(smooth / smooth.sum())
 
 
 def _alignment(first: Picture, old: Region, last: Picture, new: Region) -> Float64[np.ndarray, "2 3"]:

@@ -104,7 +104,8 @@ def test_append_negatives_are_last_and_untracked(own: int) -> None:
     assert np.array_equal(joined.descriptors, np.concatenate([own_features.descriptors, negatives.descriptors]))
     assert np.array_equal(joined.geometry, np.concatenate([own_features.geometry, negatives.geometry]))
     assert moved.tracked.tolist() == traveled.final_known.tolist() == [True] * own + [False] * 2
-    assert traveled.part.tolist() == [Part.THING] * own + [Part.UNKNOWN] * 2
+    others = Part.UNRELATED if own else Part.UNKNOWN
+    assert traveled.part.tolist() == [Part.THING] * own + [others] * 2, "negatives have no part in a task that is known"
     assert traveled.first_known_anchor.tolist() == [0] * own + [5] * 2, "a negative is known at no anchor"
     for joined_values, own_values in (
         (moved.next_geometry, motion.next_geometry),

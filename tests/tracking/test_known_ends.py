@@ -1,5 +1,6 @@
 """What the places of a carried thing tell of features on it, on the background, and on the hand."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.tracking.known_ends import known_ends, preference_of, trajectory_of, with_known_displacements
 from geoskill.tracking.motion import Displacement, Part
 from geoskill.tracking.places import Places, find_places
-from tests.carrying import FRAMES, NEW_XY, OLD_XY, Carrying, draw, hand_xy
+from tests.carrying import BELOW_THE_HAND, FRAMES, NEW_XY, OLD_XY, Carrying, draw, hand_xy
 
 THING, TABLE, HAND = 0, 1, 2
 CARRIED = 28
@@ -30,7 +31,8 @@ def features(extent: int = 1) -> list[FeatureSet]:
     descriptors = np.eye(3, 8, dtype=np.float32)
     sets = []
     for t in range(FRAMES):
-        thing = OLD_XY if t < places().picked else NEW_XY if t >= places().placed else (75, 45)
+        below = hand_xy(t, Carrying()) + 1.7 * BELOW_THE_HAND  # which the hand does not hide
+        thing = OLD_XY if t < places().picked else NEW_XY if t >= places().placed else below
         xy = np.array([thing, TABLE_XY, hand_xy(t, Carrying())], np.float32)
         geometry = xy if extent == 1 else np.concatenate([xy - 1, xy + 1], axis=1)
         node_type = NodeType.POINT if extent == 1 else NodeType.LINE
@@ -49,26 +51,58 @@ def test_known_ends_at_rest() -> None:
         np.testing.assert_array_equal(ends[frame].end[TABLE], TABLE_XY)
 
 
-def test_the_carried_thing_is_recognized_by_its_descriptor() -> None:
+def test_a_feature_where_the_carried_thing_is_seen_moves_with_it() -> None:
     known = known_ends(features(), places())[CARRIED]
-    assert known.part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNRELATED]
+    assert known.part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNKNOWN], (
+        "the hand at the thing is not known to be"
+    )
+    assert known.carried.tolist() == [True, False, False]
     assert known.at_rest.tolist() == [False, False, False]
+    beside = hand_xy(CARRIED, Carrying()) + 0.7 * BELOW_THE_HAND - features()[CARRIED].geometry[THING]
+    np.testing.assert_allclose(known.start[THING] + beside, OLD_XY - BELOW_THE_HAND, atol=8)
+    np.testing.assert_allclose(known.end[THING] - known.start[THING], np.subtract(NEW_XY, OLD_XY), atol=2.5)
+
+
+def hidden() -> Places:
+    """Return the places of a thing that is not seen while it is carried."""
+    path = places().path
+    return replace(places(), path=replace(path, seen=np.zeros_like(path.seen)))
+
+
+def test_the_carried_thing_that_is_not_seen_is_recognized_by_its_descriptor() -> None:
+    known = known_ends(features(), hidden())[CARRIED]
+    assert known.part.tolist() == [Part.THING, Part.BACKGROUND, Part.UNRELATED]
+    assert not known.at_rest.any()
+    assert not known.carried.any()
     np.testing.assert_allclose(known.start[THING], OLD_XY, atol=2.5)
     np.testing.assert_allclose(known.end[THING], NEW_XY, atol=2.5)
+
+
+def test_what_is_far_from_the_thing_is_not_recognized() -> None:
+    sets = features()
+    away = sets[CARRIED].geometry.copy()
+    away[THING] = TABLE_XY[0] + 120, TABLE_XY[1] + 40
+    sets[CARRIED] = FeatureSet(NodeType.POINT, sets[CARRIED].descriptors, away, sets[CARRIED].scores)
+    assert known_ends(sets, places())[CARRIED].part[THING] == Part.BACKGROUND
+    moving = sets[CARRIED].geometry.copy()
+    moving[THING] = hand_xy(CARRIED, Carrying()) - (0, 30)  # the arm
+    sets[CARRIED] = FeatureSet(NodeType.POINT, sets[CARRIED].descriptors, moving, sets[CARRIED].scores)
+    assert known_ends(sets, places())[CARRIED].part[THING] != Part.THING
+    assert known_ends(sets, hidden())[CARRIED].part[THING] == Part.THING, "it looks like it"
 
 
 def test_a_carried_feature_that_looks_like_something_else_is_unrelated() -> None:
     sets = features()
     mixed = np.float32([[0.6, 0, 0.8, 0, 0, 0, 0, 0], *np.eye(3, 8)[1:]])
     sets[CARRIED] = FeatureSet(NodeType.POINT, mixed, sets[CARRIED].geometry, sets[CARRIED].scores)
-    known = known_ends(sets, places())[CARRIED]
+    known = known_ends(sets, hidden())[CARRIED]
     assert known.part.tolist() == [Part.UNRELATED, Part.BACKGROUND, Part.UNRELATED]
 
 
 def test_nothing_is_recognized_without_a_feature_of_the_thing_at_rest() -> None:
     sets = [own.take([TABLE, HAND]) for own in features()]
     sets[CARRIED] = features()[CARRIED]
-    assert known_ends(sets, places())[CARRIED].known.tolist() == [False, True, False]
+    assert known_ends(sets, hidden())[CARRIED].known.tolist() == [False, True, False]
     assert len(known_ends([own.take([]) for own in sets], places())) == FRAMES
 
 
@@ -123,5 +157,8 @@ def test_displacements_take_the_known_places() -> None:
         np.testing.assert_array_equal(moved.next_geometry[TABLE], TABLE_XY)
         np.testing.assert_array_equal(moved.next_geometry[HAND], sets[frame].geometry[HAND])
     carried = corrected[CARRIED, 4]
-    assert carried.tracked.tolist() == [False, True, False], "tracking alone says where a carried feature goes"
-    assert carried.next_geometry[THING].tolist() == [-3, -3]
+    assert carried.tracked.tolist() == [True, True, True], "tracking says where the hand goes"
+    np.testing.assert_allclose(carried.next_geometry[THING], sets[CARRIED + 4].geometry[THING], atol=6)
+    unseen = with_known_displacements(spans, sets, hidden(), known_ends(sets, hidden()))[CARRIED, 4]
+    assert unseen.tracked.tolist() == [False, True, False], "tracking alone says where a carried feature goes"
+    assert unseen.next_geometry[THING].tolist() == [-3, -3]

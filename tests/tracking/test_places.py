@@ -3,12 +3,13 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 from geoskill.tracking import places as module
 from geoskill.tracking.places import Places, find_places, is_in
-from tests.carrying import NEW_XY, OLD_XY, PUTS, TAKES, Carrying, draw, hand_xy, region
+from tests.carrying import BELOW_THE_HAND, FRAMES, NEW_XY, OLD_XY, PUTS, TAKES, Carrying, draw, hand_xy, region
 
 LYING = Carrying()
 
@@ -85,8 +86,52 @@ def test_moved_goes_there_and_back() -> None:
     back = places.moved(50, 3, there)
     np.testing.assert_allclose(back, segments, atol=1e-4)
     np.testing.assert_array_equal(places.moved(3, 9, segments), segments)
-    assert places.moved(3, places.picked, segments) is None
-    assert places.moved(places.placed - 1, 50, segments) is None
+
+
+def test_moved_follows_the_carried_thing_where_it_is_seen() -> None:
+    places = places_of(LYING)
+    points = np.array([[30, 80]], np.float32)
+    for frame, other in ((3, 28), (28, 32), (28, 57)):
+        shift = hand_xy(other, LYING) - hand_xy(frame, LYING)
+        if frame == 3:
+            shift = hand_xy(other, LYING) + BELOW_THE_HAND - OLD_XY
+        elif other == 57:
+            shift = NEW_XY - hand_xy(frame, LYING) - BELOW_THE_HAND
+        np.testing.assert_allclose(places.moved(frame, other, points), points + shift, atol=8)
+    hidden = replace(places, path=replace(places.path, seen=np.zeros_like(places.path.seen)))
+    assert hidden.moved(3, 28, points) is None
+    assert hidden.carried_region(28) is None
+
+
+def test_the_carried_region_is_where_the_thing_is() -> None:
+    places = places_of(LYING)
+    assert places.carried_region(3) is None
+    region_there = places.carried_region(28)
+    assert region_there is not None
+    seen, near = region_there
+    thing = hand_xy(28, LYING)[None].astype(np.float32) + np.float32([0, 10])
+    assert is_in(seen, thing).all()
+    assert not (seen & ~near).any()
+    assert not is_in(near, np.array([OLD_XY, NEW_XY], np.float32)).any()
+
+
+def test_places_of_a_trembling_camera() -> None:
+    """Known ends are in pixels of the first frame, whatever the camera does."""
+    random = np.random.default_rng(0)
+    shifts = np.concatenate([np.zeros((1, 2)), random.integers(-3, 4, (FRAMES - 1, 2))])
+    carrying = replace(LYING, person=False)
+    pictures = [
+        cv2.warpAffine(
+            picture, np.column_stack([np.eye(2), shift]), picture.shape[1::-1], borderMode=cv2.BORDER_REPLICATE
+        )
+        for picture, shift in zip(draw(carrying), shifts, strict=True)
+    ]
+    places = find_places(pictures)
+    assert places is not None
+    assert overlap(places.old, region(OLD_XY, carrying)) > 0.7
+    assert overlap(places.new, region(NEW_XY, carrying)) > 0.7
+    shaken = np.float32([OLD_XY]) + np.float32(shifts[5])
+    np.testing.assert_allclose(places.camera.to_first(5, shaken), [OLD_XY], atol=0.5)
 
 
 def test_resting_tells_the_thing_from_the_background() -> None:
