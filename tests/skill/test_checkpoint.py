@@ -131,8 +131,9 @@ CASES: list[tuple[tuple[str, ...], object, str]] = [
     (
         (*ROOT, "metrics"),
         REMOVED,
-        "the skill's provenance has sources, image_size, date, version, seed, finished, epochs, configuration, scene;"
-        " expected sources, image_size, date, version, seed, finished, epochs, metrics, configuration, scene",
+        "the skill's provenance has sources, image_size, date, version, seed, finished, epochs, configuration, scene,"
+        " choice; expected sources, image_size, date, version, seed, finished, epochs, metrics, configuration, scene,"
+        " choice",
     ),
     ((*ROOT, "sources"), "a.mp4", "the skill's provenance.sources are 'a.mp4'; expected a list"),
     ((*ROOT, "sources"), [1], "the skill's provenance.sources is 1; expected text"),

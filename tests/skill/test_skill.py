@@ -178,7 +178,7 @@ def test_load_refuses_weights_that_do_not_fit(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_load_refuses_old_formats_with_what_to_do(tmp_path: Path, checkpoint: dict[str, Any], number: int) -> None:
     """Until format 2, the entry ``skill`` was the specification itself."""
     path = tmp_path / "earlier.ckpt"
@@ -186,7 +186,7 @@ def test_load_refuses_old_formats_with_what_to_do(tmp_path: Path, checkpoint: di
     torch.save({**checkpoint, "skill": description}, path)
     with pytest.raises(
         InputError,
-        match=rf"^{path}: the skill's format is {number}; expected 4 \(learn it again with this version\)$",
+        match=rf"^{path}: the skill's format is {number}; expected 5 \(learn it again with this version\)$",
     ):
         Skill.load(path)
 
