@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 
-.PHONY: help train infer evaluate servo reproduce test test-fast robustness lint docs clean
+.PHONY: help train infer evaluate servo reproduce data doctor test test-fast robustness lint docs package clean
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
@@ -29,6 +29,12 @@ servo: $(READY) ## close the loop in simulation: make servo ARGS="faults=all" or
 
 reproduce: $(READY) ## train and score over several seeds: make reproduce ARGS="artifact.data=DIR"
 	@$(RUN) reproduce.py $(ARGS)
+
+data: $(READY) ## fetch the real demonstrations of the results from their authors' repository, into data/
+	@$(RUN) -m geoskill.cli.data
+
+doctor: $(READY) ## versions, devices, codecs, rendering, and what to do about what is missing
+	@$(RUN) -m geoskill.cli.doctor
 
 test: $(READY) ## all tests
 	$(PYTEST) $(ARGS)
@@ -48,6 +54,11 @@ lint: $(READY) ## style, types, and the direction of imports
 docs: $(DOCS_READY) ## the documentation, into build/docs; a warning is an error
 	$(RUN) -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
 	@echo build/docs/index.html
+
+package: $(READY) ## source archive and wheel for a package index, into dist/, checked
+	rm -rf dist
+	$(RUN) -m build --outdir dist
+	$(RUN) -m twine check --strict dist/*
 
 clean: ## remove the virtual environment and caches; runs under outputs/ stay
 	rm -rf $(VENV) build dist docs/_generated .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -21,6 +21,15 @@ def shown(value: object) -> str:
     return _SHORT.repr(value)
 
 
+def missing_extra(what: str, extra: str) -> "InputError":
+    """Return the error of what needs packages that are installed on demand.
+
+    >>> str(missing_extra("bag.mcap", "ros2"))
+    "bag.mcap: needs packages that are not installed; expected pip install 'geoskill[ros2]'"
+    """
+    return InputError(f"{what}: needs packages that are not installed; expected pip install 'geoskill[{extra}]'")
+
+
 @final
 class InputError(ValueError):
     """Something the user gave is unusable; the message names it and says what was expected."""

@@ -137,7 +137,7 @@ def test_built_in_names_are_found_without_importing_the_classes() -> None:
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     names, heavy = ended.stdout.splitlines()
     kernels = ["copl", "copl2", "l2l", "l2l3", "p2c", "p2l", "p2l3", "p2p", "p2p3", "p2pl", "par", "par3"]
-    extractors = ["conics", "lbd", "orb", "patch", "planes", "sift"]
+    extractors = ["aliked", "conics", "disk", "lbd", "orb", "patch", "planes", "sift", "xfeat"]
     scorers = ["bilinear", "message_passing", "prototypes"]
     tasks = ["flush", "folding", "insertion", "ring", "screw", "sorting"]
     assert (names, heavy) == (str([*kernels, *extractors, *scorers, *tasks]), "[]")

@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from geoskill.cli.compose import configuration_folder, explain_composition, refuse_renamed_keys, register_schemas, typed
+from geoskill.cli.help import help_text
 from geoskill.cli.paths import with_literal_paths
+from geoskill.cli.progress import LINES, is_terminal
 from geoskill.config import Config
 from geoskill.errors import InputError
 
@@ -88,6 +91,9 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
         options, unknown = get_args_parser().parse_known_args()
         if unknown:
             raise InputError(f"{unknown[0]}: no such option; expected KEY=VALUE (--help shows the keys)")
+        if options.help:
+            print(help_text(name, schema, program(), Path(configuration_folder())))
+            return
         sys.argv[1:] = with_literal_paths(sys.argv[1:], multirun=options.multirun)
         refuse_renamed_keys()
         register_schemas(name, schema)
@@ -96,8 +102,14 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
             functools.wraps(job)(guarded)
         )()
 
+    ended = threading.Event()
+    if not is_terminal():
+        threading.Thread(target=LINES.keep_alive, args=(ended,), daemon=True).start()
     with HELD:
-        _exit_on_error(command, name)
+        try:
+            _exit_on_error(command, name)
+        finally:
+            ended.set()
 
 
 def current_run() -> Run:

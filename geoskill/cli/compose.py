@@ -216,9 +216,15 @@ def explain_composition(error: BaseException, command: str) -> str:
             if settings is not None:
                 return f"{cause.full_key}={as_written(cause.value)}: expected {expectation(*settings)}"
         cause = cause.__cause__
+    several = re.match(r"Ambiguous value for argument '([^=]+)=(.*)'", str(error))
+    if several:
+        return (
+            f"{several[1]}={several[2]}: several values; expected one, a list of them ({several[1]}=[{several[2]}]),"
+            " or -m for a run with each"
+        )
     unknown = re.match(r"Could not (?:override|append to|delete from config. )\W*'([^']+)'", str(error))
     if unknown and isinstance(error, ConfigCompositionException):
-        return f"{_one_line(error)}: there is no such key; expected {_nearest(unknown[1], command)}one of --cfg job"
+        return f"'{unknown[1]}': there is no such key; expected {_nearest(unknown[1], command)}one of --cfg job"
     return _one_line(error)
 
 

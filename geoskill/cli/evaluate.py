@@ -28,7 +28,8 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
-    from geoskill.cli.inputs import load_skill, open_disk_cache, required
+    from geoskill.cli.failure_pictures import FailurePictures
+    from geoskill.cli.inputs import load_skill, open_disk_cache, required, use_threads
     from geoskill.cli.report import report_evaluation
     from geoskill.cli.scoring import score
     from geoskill.io.atomic import atomic_open
@@ -42,12 +43,16 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         required("video", config.video, "a labeled video file or folder of images, or task=… for a simulated one")
         required("regions", config.regions.path, "a file or folder of labeled regions")
     with quiet_libraries():
+        threads = use_threads(config.threads)
         store = open_disk_cache(config.cache)
         skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
         sequence = _sequence(config, run, skill, store)
         assert sequence.labels is not None
         selected: list[dict[str, Any]] = []
-        metrics, rows = score(skill, sequence.frames, sequence.labels, config.every, config.inference, selected)
+        failures = FailurePictures(sequence.labels, config.failures)
+        metrics, rows = score(
+            skill, sequence.frames, sequence.labels, config.every, config.inference, selected, threads, failures
+        )
         if sequence.recording is not None:
             metrics = _beside_simulation(metrics, config, skill, sequence, store)
     with atomic_open(run.folder / "metrics.json") as file:
@@ -57,26 +62,40 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
+    failures.write(run.folder)
     if config.report:
         report_evaluation(run, skill, str(config.skill), selected)
+    _print_summary(config, run, metrics)
+
+
+def _print_summary(config: EvaluateCommandConfig, run: Run, metrics: dict[str, Any]) -> None:
+    from geoskill.cli.summary import print_summary, script
+
+    lines = []
     for name, member in metrics["members"].items():
-        accuracy = member["top1_accuracy"]
-        print(
+        accuracy, confidence = member["top1_accuracy"], member["mean_confidence"]
+        lines.append(
             f"{name}: top-1 accuracy {'none' if accuracy is None else f'{accuracy:.3f}'}"
-            f" on {member['feasible_frames']} of {member['frames']} frames, RSW {member['rsw']:.4f}"
+            f" on {member['feasible_frames']} of {member['frames']} frames, RSW {member['rsw']:.4f},"
+            f" confidence {'none' if confidence is None else f'{confidence:.2f}'} on average"
         )
     if metrics["unlabeled_frames"]:
-        print(f"{metrics['unlabeled_frames']} frames to be evaluated have no labels and were left out")
-    print(run.folder)
+        lines.append(f"{metrics['unlabeled_frames']} frames to be evaluated have no labels and were left out")
+    video = "VIDEO" if config.video is None else str(config.video)
+    following = [f"{script('infer', f'skill={config.skill}', f'video={video}')}   # every frame, with an overlay"]
+    print_summary(lines, run.folder, following)
 
 
 def _sequence(config: EvaluateCommandConfig, run: Run, skill: "Skill", store: "DiskCache | None") -> "LabeledSequence":
     from geoskill.cli.inputs import open_recording
     from geoskill.cli.sequences import labeled_recording, labeled_video
+    from geoskill.io.choice import Choice
     from geoskill.skill.checkpoint import SimulatedScene
 
     if config.task is None:
-        return labeled_video(open_recording(config.video, config.frame_rate), config.regions, config.every, minimum=1)
+        choice = Choice(config.episode, config.camera, config.topic)
+        source = open_recording(config.video, config.frame_rate, choice)
+        return labeled_video(source, config.regions, config.every, minimum=1)
     demonstrated = skill.provenance.scene
     seed = config.seed if config.seed is not None else 0 if demonstrated is None else demonstrated.seed
     scene = SimulatedScene(config.task.name, seed, config.scenario)

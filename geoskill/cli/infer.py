@@ -16,23 +16,28 @@ def infer(config: InferCommandConfig, run: Run) -> None:
         InputError: for an unusable skill or video.
     """
     let_idle_threads_sleep()
-    from geoskill.cli.inputs import load_skill, open_disk_cache, required, selection, use_threads
+    from geoskill.cli.inputs import load_skill, open_disk_cache, required, rerun_of, selection, use_threads
     from geoskill.cli.report import report_inference
     from geoskill.cli.reporting import write_inference
+    from geoskill.cli.summary import confidence_line, print_summary, script
+    from geoskill.io.choice import Choice
     from geoskill.io.sources import open_frames
     from geoskill.training.quiet import quiet_libraries
 
     with quiet_libraries():
-        threads = use_threads(config.threads)
+        threads, rerun = use_threads(config.threads), rerun_of(config.rerun)
         video = required("video", config.video, "a video file, a folder of images or a camera's number")
         store = open_disk_cache(config.cache)
         skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
-        source = open_frames(str(video), config.frame_rate)
+        source = open_frames(str(video), config.frame_rate, Choice(config.episode, config.camera, config.topic))
         infer_next = selection(skill, config.inference)
-        write_inference(skill, infer_next, source, source, run.folder, config.inference.min_drawn_weight, {}, threads)
+        drawn = config.inference.min_drawn_weight
+        metrics = write_inference(skill, infer_next, source, source, run.folder, drawn, {}, threads, rerun)
         if config.report:
             report_inference(run, skill, str(config.skill))
-    print(run.folder)
+    learned = [f"{name}: {evidence}" for name, evidence in skill.evidence.items()]
+    following = [f"{script('evaluate', f'skill={config.skill}', f'video={video}', 'regions=LABELS')}   # with labels"]
+    print_summary([*learned, confidence_line(metrics)], run.folder, following)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Opening what a command is given."""
 
 from collections.abc import Mapping
+from importlib.util import find_spec
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -9,13 +10,15 @@ from jaxtyping import UInt8
 
 from geoskill.cli.schemas import CacheConfig
 from geoskill.config import InferenceConfig, SelectionConfig
-from geoskill.errors import InputError
+from geoskill.errors import InputError, missing_extra
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.depth_picture import DepthPicture
+from geoskill.io.choice import Choice
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.frames import FrameSource
 from geoskill.io.sources import is_live, open_frames
+from geoskill.schema import as_written
 from geoskill.skill.association import InferenceResult, abstain_below
 from geoskill.skill.skill import Skill
 from geoskill.skill.temporal_filter import TemporalFilter
@@ -46,13 +49,13 @@ def required(key: str, value: Any, expected: str) -> Any:
     return value
 
 
-def open_recording(path: Any, frame_rate: float | None) -> FrameSource:
-    """Open frames that come to an end.
+def open_recording(path: Any, frame_rate: float | None, choice: Choice | None = None) -> FrameSource:
+    """Open frames that come to an end; see :func:`~geoskill.io.sources.open_frames`.
 
     Raises:
         InputError: when they cannot be opened, or are those of a camera or of a live stream.
     """
-    source = open_frames(str(path), frame_rate)
+    source = open_frames(str(path), frame_rate, choice)
     if is_live(source):
         raise InputError(f"{source.name} is a camera; expected a video file or a folder of images")
     return source
@@ -78,6 +81,19 @@ def load_skill(
         raise InputError(f"device={device}: cannot be used ({error}); expected cpu, or cuda with a GPU") from error
     cache = None if store is None else FeatureCache(store)
     return Skill.load(path, device=device, cache=cache, precision=precision, definition=definition)
+
+
+def rerun_of(value: Any) -> bool | str:
+    """Return what ``rerun=`` asks for.
+
+    Raises:
+        InputError: when it is something else, or rerun is not installed.
+    """
+    if value not in (True, False, "live"):
+        raise InputError(f"rerun={value}: expected true, false or live")
+    if value and find_spec("rerun") is None:
+        raise missing_extra(f"rerun={as_written(value)}", "rerun")
+    return bool(value) if value != "live" else "live"
 
 
 def use_threads(threads: int | None) -> int:

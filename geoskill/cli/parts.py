@@ -6,6 +6,7 @@ from typing import Any, final
 from geoskill.cli.inputs import open_recording
 from geoskill.cli.schemas import VideoTaskConfig
 from geoskill.errors import InputError
+from geoskill.io.choice import Choice
 from geoskill.io.frames import FrameSource
 from geoskill.io.segment import Position, Segment
 
@@ -17,12 +18,14 @@ class Part:
 
     Attributes:
         path: of the recording, as the user gave it.
+        choice: which recording, where the path holds several.
         start: first frame, or None.
         end: frame before which it ends, or None.
         stride: of so many frames, one is taken.
     """
 
     path: Any
+    choice: Choice
     start: Position | None
     end: Position | None
     stride: int
@@ -36,32 +39,45 @@ class Part:
         """Open it; see :func:`~geoskill.cli.inputs.open_recording`."""
         if not isinstance(self.path, str | int) or isinstance(self.path, bool):
             raise InputError(f"task.path: {self.path} is no path; expected a folder of images or a video file")
-        recording = open_recording(self.path, frame_rate)
+        recording = open_recording(self.path, frame_rate, self.choice)
         return recording if self.is_whole else Segment(recording, self.start, self.end, self.stride)
 
 
 def parts_of(task: VideoTaskConfig) -> list[Part]:
-    """Return the demonstrations of a task: of paths, starts and ends, single ones serve all.
+    """Return the demonstrations of a task: of paths, episodes, starts and ends, single ones serve all.
 
     Raises:
         InputError: when a start or an end is none, or there are not as many of them as of the others.
     """
-    given = {"task.path": _listed(task.path), "task.start": _listed(task.start), "task.end": _listed(task.end)}
+    keys = "path", "episode", "start", "end"
+    given = {f"task.{key}": _listed(getattr(task, key)) for key in keys}
     if not given["task.path"]:
         return []
     count = max(map(len, given.values()))
     for key, values in given.items():
         if len(values) not in (1, count):
             raise InputError(f"{key}: there are {len(values)}; expected one, or {count} as of the others")
-    paths, starts, ends = (values * count if len(values) == 1 else values for values in given.values())
+    same = (values * count if len(values) == 1 else values for values in given.values())
     return [
-        Part(path, _position("task.start", start), _position("task.end", end), task.stride)
-        for path, start, end in zip(paths, starts, ends, strict=True)
+        Part(
+            path,
+            Choice(_episode(episode), task.camera, task.topic, prefix="task."),
+            _position("task.start", start),
+            _position("task.end", end),
+            task.stride,
+        )
+        for path, episode, start, end in zip(*same, strict=True)
     ]
 
 
 def _listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def _episode(value: Any) -> int | None:
+    if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value < 0):
+        raise InputError(f"task.episode={value}: expected a whole number of at least 0, or several, [0,3]")
+    return value
 
 
 def _position(key: str, value: Any) -> Position | None:

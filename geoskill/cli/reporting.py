@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sized
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import yaml
@@ -29,6 +29,9 @@ from geoskill.viz.overlay import draw_associations, draw_overlay
 from geoskill.viz.strip import ErrorHistory
 from geoskill.viz.video_writer import VideoWriter
 
+if TYPE_CHECKING:
+    from geoskill.viz.rerun_log import RerunLog
+
 
 def write_inference(
     skill: Skill,
@@ -39,6 +42,7 @@ def write_inference(
     min_drawn_weight: float,
     metrics: Mapping[str, Any],
     threads: int,
+    rerun: bool | str = False,
 ) -> dict[str, Any]:
     """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
@@ -55,9 +59,10 @@ def write_inference(
         metrics: added where the names are new.
         threads: number of frames whose features are extracted at once, while associations are selected in another;
             with one, each frame is finished before the next is read.
+        rerun: whether to write a recording for rerun, or ``live`` to show it in its viewer.
 
     Raises:
-        InputError: where the source is damaged.
+        InputError: where the source is damaged, or rerun cannot be used.
         KeyboardInterrupt: after Ctrl-C, unless the source is a camera.
     """
     total = len(frames) if isinstance(frames, Sized) else None
@@ -67,6 +72,7 @@ def write_inference(
         atomic_open(folder / "associations.jsonl") as lines,
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
         closing(extracted_ahead(skill, frames, threads, live=is_live(source))) as extracted,
+        _rerun_log(rerun, folder, source.name) as log,
     ):
         try:
             for frame, features in show_progress(extracted, "selecting associations", total):
@@ -75,6 +81,8 @@ def write_inference(
                     lines.write(json.dumps(line) + "\n")
                 video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
                 results.add(frame, result)
+                if log is not None:
+                    log.add(frame, result)
         except (KeyboardInterrupt, Exception) as error:
             if not (isinstance(error, KeyboardInterrupt) and is_live(source)):
                 if isinstance(error, OSError) or results.frames == 0 or (folder / "associations.jsonl").exists():
@@ -84,6 +92,14 @@ def write_inference(
     if failure is not None:
         raise failure
     return summary
+
+
+def _rerun_log(rerun: bool | str, folder: Path, name: str) -> "AbstractContextManager[RerunLog | None]":
+    if rerun is False:
+        return nullcontext()
+    from geoskill.viz.rerun_log import RerunLog
+
+    return RerunLog(folder, live=rerun == "live", title=name)
 
 
 @final

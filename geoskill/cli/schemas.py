@@ -23,6 +23,18 @@ from geoskill.plugins import EXTRACTORS
 from geoskill.schema import WORDS, markdown_table, reference_table, setting
 
 
+def _episode() -> Any:
+    return setting(None, "Number of the episode in a LeRobot data set.", at_least=0)
+
+
+def _camera() -> Any:
+    return setting(None, "Camera in a LeRobot data set, such as `observation.images.front`; null: the only one.")
+
+
+def _topic() -> Any:
+    return setting(None, "Image topic of a bag of ROS 2 (MCAP); null: the only one.")
+
+
 def _frame_rate() -> Any:
     return setting(
         None,
@@ -71,8 +83,13 @@ class VideoTaskConfig(Config):
 
     name: str = setting("video", "Task.")
     path: Any = setting(
-        None, "A video file or a folder of images; or several, [a.mp4,b.mp4], of which the first is shown and scored."
+        None,
+        "A video file, a folder of images, a LeRobot data set or a bag of ROS 2; or several, [a.mp4,b.mp4], of which"
+        " the first is shown and scored.",
     )
+    episode: Any = setting(None, "Number of the episode in a LeRobot data set; or several, `[0,3]`, as of `path`.")
+    camera: str | None = _camera()
+    topic: str | None = _topic()
     start: Any = setting(
         None, "Where the demonstration begins: seconds (`2.5`) or frames (`75f`); several, `[0,10]`, as of `path`."
     )
@@ -103,6 +120,9 @@ class CacheConfig(Config):
     limit_mb: float = setting(2000.0, "Megabytes that the folder may hold.", above=0)
 
 
+RERUN = "`true`: write recording.rrd for rerun; `live`: show it in rerun's viewer meanwhile."
+
+
 def _debug() -> Any:
     return setting(False, "Show the traceback of an error.")
 
@@ -131,6 +151,7 @@ class TrainCommandConfig(Learning):
     ckpt_path: str | None = setting(None, "Checkpoint, or folder, of an interrupted run to go on with.")
     init_from: str | None = setting(None, "Skill whose weights to start from, on another demonstration.")
     report: bool = _report()
+    rerun: Any = setting(False, RERUN)
     debug: bool = _debug()
 
     def learning(self) -> TrainConfig:
@@ -145,13 +166,20 @@ class InferCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     definition: str | None = _definition()
-    video: Any = setting(None, "A video file, a folder of images, the number of a camera, or a URL.")
+    video: Any = setting(
+        None,
+        "A video file, a folder of images, a LeRobot data set, a bag of ROS 2, the number of a camera, or a URL.",
+    )
+    episode: int | None = _episode()
+    camera: str | None = _camera()
+    topic: str | None = _topic()
     frame_rate: float | None = _frame_rate()
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     threads: int | None = setting(
         None, "Threads of PyTorch, and frames worked on at once; null: as many as PyTorch likes.", at_least=1
     )
+    rerun: Any = setting(False, RERUN)
     precision: str | None = _precision()
     device: str = setting("cpu", "Device of the networks.")
     report: bool = _report()
@@ -165,7 +193,10 @@ class EvaluateCommandConfig(Config):
 
     skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
     definition: str | None = _definition()
-    video: Any = setting(None, "A labeled video file or folder of images.")
+    video: Any = setting(None, "A labeled video file, folder of images, LeRobot data set or bag of ROS 2.")
+    episode: int | None = _episode()
+    camera: str | None = _camera()
+    topic: str | None = _topic()
     regions: RegionsConfig = field(default_factory=RegionsConfig)
     frame_rate: float | None = _frame_rate()
     task: Any = setting(None, "A simulated task, instead of a video.")
@@ -174,6 +205,12 @@ class EvaluateCommandConfig(Config):
         None, "Seed of the looks of simulated things; null: that of the demonstration.", at_least=0
     )
     every: int = setting(1, "Score every so many frames.", at_least=1)
+    failures: int = setting(
+        24, "Pictures of wrong frames that are written, evenly of all; 0: none.", at_least=0, at_most=10_000
+    )
+    threads: int | None = setting(
+        None, "Threads of PyTorch, and frames worked on at once; null: as many as PyTorch likes.", at_least=1
+    )
     inference: SelectionConfig = field(default_factory=lambda: SelectionConfig(abstain=0.0))
     cache: CacheConfig = field(default_factory=CacheConfig)
     precision: str | None = _precision()

@@ -1,6 +1,7 @@
 """Scoring a skill on labeled frames, for the commands that do it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,10 +15,13 @@ from geoskill.config import SelectionConfig
 from geoskill.errors import InputError
 from geoskill.evaluation.annotations.assignment import RoleNames
 from geoskill.evaluation.annotations.load import load_regions
-from geoskill.evaluation.evaluator import evaluate_frames
+from geoskill.evaluation.evaluator import Watch, evaluate_frames
 from geoskill.evaluation.labels import Labels
 from geoskill.evaluation.regions import Regions
+from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.io.frames import Frame
+from geoskill.io.prefetch import prefetch_map
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.skill import Skill
 
@@ -54,43 +58,59 @@ def score(
     every: int,
     config: SelectionConfig,
     selected: list[dict[str, Any]] | None = None,
+    threads: int = 1,
+    watch: Watch | None = None,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return metrics over all evaluated frames, and a row for each member and evaluated frame.
 
     Args:
-        skill: is scored.
-        frames: of a video.
-        labels: their ground truth.
-        every: of so many frames, one is evaluated.
-        config: how associations are selected.
+        skill: selects the associations.
+        frames: of the recording.
+        labels: ground truth.
+        every: so many frames lie between two that are evaluated.
+        config: of the selection.
         selected: takes in what ``associations.jsonl`` would say of the top associations; None where nobody wants it.
+        threads: number of frames whose features are extracted at once, ahead of their use; the result does not depend
+            on it.
+        watch: see :func:`~geoskill.evaluation.evaluator.evaluate_frames`.
 
     Raises:
         InputError: when no evaluated frame is labeled.
     """
+    continuous = config.temporal != "none"
     infer = selection(skill, config)
-    seen: list[Frame] = []
+    ready: dict[str, FeatureSet] | None = None
+    current: Frame | None = None
 
-    def watched(items: Iterable[Frame]) -> Iterator[Frame]:
-        for frame in show_progress(items, "evaluating frames", total=len(frames)):
-            seen[:] = [frame]
-            yield frame
+    def extract(frame: Frame) -> tuple[Frame, dict[str, FeatureSet] | None]:
+        needed = (continuous or frame.index % every == 0) and labels.at(frame.index) is not None
+        return frame, skill.extract(frame.image, frame.depth) if needed else None
 
-    def noted(image: UInt8[np.ndarray, "height width 3"], *features_and_depth: Any) -> InferenceResult:
-        result = infer(image, *features_and_depth)
-        if selected is not None:
-            selected.extend(line for line in association_lines(seen[0], result, skill.members) if line["rank"] <= 1)
+    def noted(
+        image: UInt8[np.ndarray, "height width 3"], _features: None = None, depth: DepthPicture | None = None
+    ) -> InferenceResult:
+        result = infer(image, ready, depth)
+        if selected is not None and current is not None:
+            selected.extend(line for line in association_lines(current, result, skill.members) if line["rank"] <= 1)
         return result
 
-    return evaluate_frames(
-        frames,
-        noted,
-        labels,
-        skill.members,
-        every=every,
-        continuous=config.temporal != "none",
-        progress=watched,
-    )
+    with closing(prefetch_map(extract, frames, threads=threads)) as extracted:
+
+        def in_turn() -> Iterator[Frame]:
+            nonlocal ready, current
+            for current, ready in extracted:  # noqa: B007  # used by what infers, frame by frame
+                yield current
+
+        return evaluate_frames(
+            in_turn(),
+            noted,
+            labels,
+            skill.members,
+            every=every,
+            continuous=continuous,
+            progress=lambda items: show_progress(items, "evaluating frames", total=len(frames)),
+            watch=watch,
+        )
 
 
 def score_oracle(

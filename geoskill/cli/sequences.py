@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from geoskill.cli.parts import parts_of
+from geoskill.cli.progress import show_stage
 from geoskill.cli.schemas import RegionsConfig, SimulatedTaskConfig, TrainCommandConfig
 from geoskill.cli.scoring import load_labels
 from geoskill.errors import InputError
@@ -176,6 +177,7 @@ def simulated_recording(scene: SimulatedScene, episode: str, store: DiskCache | 
     settings = RecordingSettings(task, scene.scenario, scene.seed, episode)
 
     def render() -> Recording:
+        show_stage(f"rendering {scene.task}, {episode}")
         return record(settings)
 
     if store is None:

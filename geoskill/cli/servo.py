@@ -36,6 +36,7 @@ def servo(config: ServoCommandConfig, run: Run) -> None:
     Raises:
         InputError: for settings that do not go together, or a folder that was begun with others.
     """
+    from geoskill.cli.summary import print_summary, script
     from geoskill.control.trial import run_trial
     from geoskill.evaluation.servo import SUCCESS_DEG, SUCCESS_MM, summarize_trials
     from geoskill.io.atomic import atomic_open
@@ -65,11 +66,12 @@ def servo(config: ServoCommandConfig, run: Run) -> None:
         json.dump({**_described(config), **metrics}, file, indent=2)
     plot_trials(curves, run.folder / "servo.png", {"mm": SUCCESS_MM, "deg": SUCCESS_DEG})
     low, high = metrics["success_interval"]
-    print(
+    line = (
         f"{metrics['trials']} trials: success {metrics['success_rate']:.3f} ({low:.3f} to {high:.3f}), median"
         f" {metrics['median_mm']:.2f} mm, {metrics['median_deg']:.2f}°, {metrics['median_steps']:.0f} frames"
     )
-    print(run.folder)
+    more = script("servo", *run.overrides, f"trials={2 * config.trials}", f"hydra.run.dir={run.folder}")
+    print_summary([line], run.folder, [f"{more}   # more trials, those that are there kept"])
 
 
 def _check(config: ServoCommandConfig) -> None:

@@ -18,6 +18,8 @@ from geoskill.cli.study import read_metrics
 if TYPE_CHECKING:
     import pandas as pd
 
+KINDS = ("kernel", "descriptor", "model", "task", "task.path")
+
 
 @final
 class SweepSummary(Callback):
@@ -81,7 +83,11 @@ def write_summary(runs: pd.DataFrame, by: Sequence[str], folder: Path) -> None:
     summary.to_csv(folder / "summary.csv", index=False)
     (folder / "summary.md").write_text(summary_table(summary), encoding="utf-8")
     metrics = [name for name in TRAINING_METRICS if name in summary and name != "steps"]
-    plot_summary(summary, by, metrics, folder / "summary.png")
+    # Of another kernel, descriptor or objective, the objective is another quantity.
+    if any(key in KINDS or key.startswith("objective.") for key in by):
+        metrics = [name for name in metrics if name != "objective"]
+    if metrics:
+        plot_summary(summary, by, metrics, folder / "summary.png")
 
 
 def exit_on_failure(runs: Iterable[tuple[str, Path]]) -> None:

@@ -41,9 +41,9 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             " (trainer=cpu or trainer=gpu)"
         )
     # Heavy imports wait until the configuration is known to be good, so that --help and typos answer at once.
-    from geoskill.cli.inputs import open_disk_cache, use_threads
+    from geoskill.cli.inputs import open_disk_cache, rerun_of, use_threads
     from geoskill.cli.parts import parts_of
-    from geoskill.cli.progress import show_progress
+    from geoskill.cli.progress import LINES, is_terminal, show_progress
     from geoskill.cli.report import report_training
     from geoskill.cli.sequences import labeled_demonstrations
     from geoskill.features.cache import FeatureCache
@@ -53,6 +53,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
     from geoskill.training.learn import TrainingInterruptedError, learn
 
     use_threads(config.threads)
+    rerun_of(config.rerun)
     store = open_disk_cache(config.cache)
     simulated = isinstance(config.task, SimulatedTaskConfig)
     first: list[LabeledSequence] = []
@@ -75,6 +76,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             logger=loggers,
             cache=None if store is None else FeatureCache(store),
             progress=show_progress,
+            report=None if is_terminal() else LINES.say,
             scene=SimulatedScene(config.task.name, config.seed, config.scenario) if simulated else None,
             count=config.task.num_demonstrations if simulated else len(parts_of(config.task)),
         )
@@ -86,9 +88,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         _log_results(loggers, run, summary)
         if config.report:
             report_training(run, learned.skill, config.task.name if simulated else None)
-        for line in _statements(learned):
-            print(line)
-        print(run.folder)
+        _print_summary(config, run, learned, summary)
 
 
 def _statements(learned: "LearnedSkill") -> list[str]:
@@ -110,6 +110,20 @@ def _statements(learned: "LearnedSkill") -> list[str]:
     return lines
 
 
+def _print_summary(config: TrainCommandConfig, run: Run, learned: "LearnedSkill", metrics: dict[str, Any]) -> None:
+    from geoskill.cli.summary import accuracy_line, confidence_line, print_summary, script
+
+    known = [line for line in (confidence_line(metrics), accuracy_line(metrics)) if line is not None]
+    skill = f"skill={run.folder}"
+    simulated = isinstance(config.task, SimulatedTaskConfig)
+    test = [f"task={config.task.name}", "scenario=robot"] if simulated else ["video=VIDEO", "regions=LABELS"]
+    following = [
+        f"{script('infer', skill, 'video=VIDEO')}   # on another recording",
+        f"{script('evaluate', skill, *test)}   # how often it is right",
+    ]
+    print_summary([*_statements(learned), *known], run.folder, following)
+
+
 def _say_how_to_go_on(run: Run, checkpoint: Path, epochs: int) -> None:
     overrides = [override for override in run.overrides if not override.startswith(("ckpt_path=", "init_from="))]
     print(
@@ -122,7 +136,7 @@ def _say_how_to_go_on(run: Run, checkpoint: Path, epochs: int) -> None:
 def _write_results(
     config: TrainCommandConfig, run: Run, learned: "LearnedSkill", sequence: "LabeledSequence"
 ) -> dict[str, Any]:
-    from geoskill.cli.inputs import selection, use_threads
+    from geoskill.cli.inputs import rerun_of, selection, use_threads
     from geoskill.cli.reporting import chosen, write_inference
     from geoskill.cli.scoring import score
     from geoskill.config import SelectionConfig
@@ -155,6 +169,7 @@ def _write_results(
             config.inference.min_drawn_weight,
             metrics,
             use_threads(config.threads),
+            rerun_of(config.rerun),
         )
 
 

@@ -1,6 +1,6 @@
 """Evaluation of a skill on the labeled frames of a sequence."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from geoskill.errors import InputError
@@ -14,6 +14,7 @@ from geoskill.skill.association import InferenceResult
 Infer = Callable[..., InferenceResult]
 """From an RGB frame, and where it has depth, None and its depth, to what is selected in it."""
 Progress = Callable[[Iterable[Frame]], Iterable[Frame]]
+Watch = Callable[[Frame, InferenceResult, Sequence[FrameResult]], None]
 
 
 def silent(frames: Iterable[Frame]) -> Iterable[Frame]:
@@ -29,6 +30,7 @@ def evaluate_frames(
     every: int = 1,
     continuous: bool = False,
     progress: Progress = silent,
+    watch: Watch | None = None,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Evaluate a skill's top associations on labeled frames, with at most two frames in memory at a time.
 
@@ -41,6 +43,7 @@ def evaluate_frames(
             and nodes are tracked through the frames in between.
         continuous: whether ``infer`` depends on the previous frames, and so has to see the frames in between too.
         progress: shows progress over the frames.
+        watch: is shown every evaluated frame, what was selected in it, and the results of all members; or None.
 
     Returns:
         The metrics (see :func:`~geoskill.evaluation.metrics.summarize_ensemble`), with the number of frames left out
@@ -76,11 +79,15 @@ def evaluate_frames(
             result = infer(frame.image) if frame.depth is None else infer(frame.image, None, frame.depth)
         if not evaluated:
             continue
+        own: list[FrameResult] = []
         for name, member in members.items():
             frame_result = evaluate_frame(frame.index, result, ground_truth, name, member)
+            own.append(frame_result)
             switched = counters[name].evaluate(top_association(result, name))
             frame_results[name].append(frame_result)
             rows.append(_row(frame_result, member, switched))
+        if watch is not None:
+            watch(frame, result, own)
     labels.require_evaluated(num_frames, every)
     metrics = {name: summarize(frame_results[name], counters[name].count) for name in members}
     return {**summarize_ensemble(metrics), "unlabeled_frames": unlabeled}, rows

@@ -54,9 +54,14 @@ def nominal_rate(container: av.container.InputContainer, stream: av.VideoStream)
 
 
 def decoded_frames(
-    container: av.container.InputContainer, name: str, frame_rate: float, *, whole: bool
+    container: av.container.InputContainer,
+    name: str,
+    frame_rate: float,
+    *,
+    whole: bool,
+    start_s: float | None = None,
 ) -> Iterator[Frame]:
-    """Yield the frames of the main video stream of a container that was just opened.
+    """Yield the frames of the main video stream of a container that was just opened, or has been sought.
 
     Frame times are those stored in the file, relative to the first frame; a frame without a time gets
     ``index / frame_rate``.
@@ -66,13 +71,13 @@ def decoded_frames(
         name: of the source, for messages.
         frame_rate: nominal frames per second.
         whole: whether it states its duration, so that one which ends earlier is incomplete.
+        start_s: stored time that counts as 0; None for that of the first frame.
 
     Raises:
         InputError: where the video is damaged or cut off, changes its size, or has no frame.
     """
     stream = video_stream(container, name)
     index = 0
-    start_s: float | None = None
     first_shape: tuple[int, ...] | None = None
     end_s = -math.inf
     try:

@@ -4,12 +4,15 @@ import re
 from pathlib import Path
 
 from geoskill.errors import InputError
+from geoskill.io.bag import BagTopic, is_bag
 from geoskill.io.camera import Camera
+from geoskill.io.choice import Choice
 from geoskill.io.decoding import VIDEO_TYPES
 from geoskill.io.depth_folder import DepthFolder, has_depth
 from geoskill.io.frames import DEFAULT_FRAME_RATE, FrameSource
 from geoskill.io.image_folder import ImageFolder
 from geoskill.io.kept_frames import KeptFrames
+from geoskill.io.lerobot import LeRobotEpisode, is_lerobot
 from geoskill.io.video import VideoFile, VideoStream
 
 # Bare small numbers; a larger one, or one with zeros in front, rather is the name of a folder that is not there.
@@ -17,16 +20,26 @@ CAMERA_NUMBER = re.compile(r"0|[1-9][0-9]?")
 URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*://.+")
 
 
-def open_frames(source: str | Path | int, frame_rate: float | None = None) -> FrameSource:
-    """Open a video, a folder of images, a camera by its number or device file, or the address of a stream.
+def open_frames(source: str | Path | int, frame_rate: float | None = None, choice: Choice | None = None) -> FrameSource:
+    """Open a recording, a camera by its number or device file, or the address of a stream.
 
-    A folder with ``depth/`` and ``camera.yaml`` has depth beside its pictures.
+    A recording is a video, a folder of images, an episode of a LeRobot data set or an image topic of a bag of ROS 2. A
+    folder with ``depth/`` and ``camera.yaml`` has depth beside its pictures. A number of at most two digits is a
+    camera's unless a file or folder of that name exists.
 
-    A number of at most two digits is a camera's unless a file or folder of that name exists.
+    Args:
+        source: which one.
+        frame_rate: nominal frames per second; None for those of the source, or 30.
+        choice: which recording of a data set or bag that holds several.
 
     Raises:
-        InputError: when there is no such source, or it cannot be read.
+        InputError: when there is no such source, it cannot be read, or has no such choice.
     """
+    choice = Choice() if choice is None else choice
+    recorded = _opened_data_set(source, frame_rate, choice)
+    if recorded is not None:
+        return recorded
+    choice.require_unused(str(source), "episode", "camera", "topic")
     if isinstance(source, int):
         return Camera(source, frame_rate)
     path, name = Path(source), str(source)
@@ -46,8 +59,26 @@ def open_frames(source: str | Path | int, frame_rate: float | None = None) -> Fr
     if URL.fullmatch(name):
         return VideoStream(name, frame_rate)
     raise InputError(
-        f"{name!r} does not exist; expected a video ({VIDEO_TYPES}), a folder of images, a camera's index or a URL"
+        f"{name!r} does not exist; expected a video ({VIDEO_TYPES}), a folder of images, a LeRobot data set, a bag of"
+        " ROS 2, a camera's index or a URL"
     )
+
+
+def _opened_data_set(source: str | Path | int, frame_rate: float | None, choice: Choice) -> FrameSource | None:
+    """Open what holds several recordings; None where ``source`` is nothing of the kind."""
+    try:
+        path = None if isinstance(source, int) else Path(source)
+        if path is None or not path.exists():
+            return None
+    except (OSError, ValueError):
+        return None
+    if path.is_dir() and is_lerobot(path):
+        choice.require_unused(str(source), "topic")
+        return LeRobotEpisode(path, choice, frame_rate)
+    if (path.is_dir() or path.is_file()) and is_bag(path):
+        choice.require_unused(str(source), "episode", "camera")
+        return BagTopic(path, choice, frame_rate)
+    return None
 
 
 def is_live(source: FrameSource) -> bool:

@@ -24,6 +24,7 @@ import torch
 from geoskill.config import MAX_TOP_K, MODELS, FeaturesConfig
 from geoskill.errors import InputError, shown
 from geoskill.features.cache import FeatureCache
+from geoskill.features.learned_weights import DIGEST
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel, node_types
@@ -172,8 +173,15 @@ class SkillSpec:
             features = FeaturesConfig(**settings)
         except InputError as error:
             raise InputError(f"the skill's features: {error}") from error
+        parts = {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()}
+        for name, part in parts.items():
+            weights = part.arguments.get("weights")
+            if weights is not None and not DIGEST.fullmatch(str(weights)):  # a path would be read
+                raise InputError(
+                    f"the skill's extractors.{name}.arguments.weights is {shown(weights)}; expected a digest"
+                )
         return cls(
-            {name: Part.from_plain(part, f"extractors.{name}") for name, part in extractors.items()},
+            parts,
             members,
             model,
             features,
@@ -217,10 +225,15 @@ def plan_skill(kernel: object, descriptor: object, model: object, features: Feat
         raise InputError(
             f"cascade={cascade}: expected at least top_k={top_k}, the associations that are listed of a frame, or null"
         )
-    described = {
-        name: Part.of(EXTRACTORS, name, arguments) for name, arguments in named_parts(descriptor, EXTRACTORS).items()
-    }
-    node_type_of = {name: _build(EXTRACTORS, part).node_type for name, part in described.items()}
+    described, node_type_of = {}, {}
+    for name, arguments in named_parts(descriptor, EXTRACTORS).items():
+        part = Part.of(EXTRACTORS, name, arguments)
+        extractor = _build(EXTRACTORS, part)
+        # As the extractor keeps them: of a file of weights, its digest.
+        described[name] = replace(
+            part, arguments={key: getattr(extractor, key, own) for key, own in part.arguments.items()}
+        )
+        node_type_of[name] = extractor.node_type
     members: dict[str, MemberSpec] = {}
     for kernel_name, kernel_arguments in named_parts(kernel, KERNELS).items():
         part = Part.of(KERNELS, kernel_name, kernel_arguments)

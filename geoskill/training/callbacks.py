@@ -2,7 +2,8 @@
 
 import copy
 import csv
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
@@ -61,6 +62,34 @@ class MetricsTable(Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the rows of an earlier run."""
         self.rows = list(state_dict["rows"])
+
+
+@final
+class EpochLines(Callback):
+    """A line of text after every epoch, with the time that is left.
+
+    Args:
+        report: takes the line.
+    """
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._began_s = time.monotonic()
+        self._first = 0
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Begin to measure, at whatever epoch a training goes on."""
+        self._began_s, self._first = time.monotonic(), trainer.current_epoch
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Report."""
+        if not trainer.is_global_zero or trainer.max_epochs is None:
+            return
+        done, total = trainer.current_epoch + 1, trainer.max_epochs
+        left_s = (time.monotonic() - self._began_s) / (done - self._first) * (total - done)
+        objective = trainer.callback_metrics.get("objective_epoch")
+        told = "" if objective is None else f", objective {float(objective):.4g}"
+        self._report(f"training: epoch {done} of {total}{told}, {left_s:.0f} s left")
 
 
 @final

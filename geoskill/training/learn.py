@@ -5,7 +5,7 @@
     demonstrations -> prepare -> fit statistics -> train -> calibrate -> LearnedSkill
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -86,6 +86,7 @@ def learn(
     logger: "Logger | Sequence[Logger]" = (),
     cache: FeatureCache | None = None,
     progress: Progress | None = None,
+    report: Callable[[str], None] | None = None,
     scene: SimulatedScene | None = None,
     count: int | None = None,
 ) -> LearnedSkill:
@@ -104,6 +105,7 @@ def learn(
         logger: one of Lightning's, or several.
         cache: where extracted features are kept, or None.
         progress: shows progress over a sequence, or None.
+        report: takes a line after every epoch, or None.
         scene: the simulated scene that the demonstrations show; it is kept in the checkpoint.
         count: how many demonstrations there are, where only iterating would tell.
 
@@ -166,6 +168,7 @@ def learn(
             None if checkpoint is None else Path(checkpoint),
             list(logger) if isinstance(logger, Sequence) else [logger],
             progress_bar=progress is not None,
+            report=report,
         )
         _fit(trainer, guard, config, components, demonstration, None if stored is None else stored.path)
     metrics = {name: float(value) for name, value in trainer.callback_metrics.items() if not name.endswith("_step")}

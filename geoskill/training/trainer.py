@@ -15,7 +15,7 @@ from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
 from geoskill.config import OptimizerConfig, TrainConfig, TrainerConfig
 from geoskill.errors import InputError
 from geoskill.schema import as_plain
-from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
+from geoskill.training.callbacks import EpochLines, MetricsTable, ResumableCheckpoint, SkillRecord
 from geoskill.training.divergence import DivergenceGuard
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def build_trainer(
     loggers: "Sequence[Logger]",
     *,
     progress_bar: bool,
+    report: Callable[[str], None] | None = None,
 ) -> Trainer:
     """Return the trainer with its callbacks, in the order in which they depend on each other.
 
@@ -49,6 +50,7 @@ def build_trainer(
         checkpoint: file of the checkpoint, or None.
         loggers: Lightning's.
         progress_bar: whether to show one, where there is a terminal.
+        report: takes a line after every epoch, or None.
     """
     callbacks: list[Callback] = [guard, table]
     if config.ema_decay is not None:
@@ -57,6 +59,8 @@ def build_trainer(
     if config.early_stopping.patience is not None:
         callbacks.append(EarlyStopping("objective_epoch", mode="max", **as_plain(config.early_stopping)))
     callbacks.append(record)
+    if report is not None:
+        callbacks.append(EpochLines(report))
     if checkpoint is not None:
         callbacks.append(ResumableCheckpoint(checkpoint))
     settings = as_plain(config.trainer)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
 Command = Callable[..., Any]
@@ -92,6 +93,37 @@ def test_metrics_and_frame_results(
     feasible = sum(row["feasible"] == "True" for row in rows)
     assert (figures["feasible_frames"], figures["frames"]) == (feasible, FRAMES)
     assert figures["top1_accuracy"] == pytest.approx(correct / feasible)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_threads_and_pictures_of_failures(
+    command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path, threads: int
+) -> None:
+    """Whatever it selects, it is wrong with one of two targets."""
+    tables = []
+    for name, (left, top) in {"right": (108, 46), "below": (60, 88)}.items():
+        target = [[left, top], [left + 32, top], [left + 32, top + 32], [left, top + 32]]
+        tiles = [[28, 46], [107, 46], [107, 80], [28, 80]]
+        frames = {key: {"object": tiles, "target": target, "hand": []} for key in ("0", str(FRAMES - 1))}
+        regions = tmp_path / f"{name}.json"
+        regions.write_text(json.dumps({"image_size": [160, 120], "frames": frames}))
+        given = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", f"threads={threads}"]
+        ended = command("evaluate", *given, "failures=3", f"hydra.run.dir={tmp_path / name}")
+        assert (ended.status, ended.stderr) == (0, "")
+        with (tmp_path / name / "frames.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        wrong = [int(row["frame"]) for row in rows if row["feasible"] == "True" and row["correct"] == "False"]
+        pictures = sorted((tmp_path / name / "failures").glob("*.jpg"))
+        assert {int(path.stem) for path in pictures} <= set(wrong)
+        assert min(len(wrong), 2) <= len(pictures) <= 3
+        assert all(cv2.imread(str(path)).shape[0] >= 480 for path in pictures)
+        assert ("  failures" in ended.stdout) == bool(wrong)
+        tables.append((len(wrong), rows))
+    assert max(wrong for wrong, _ in tables) > 3
+    none = command("evaluate", *given, "failures=0", f"hydra.run.dir={tmp_path / 'none'}")
+    assert not (none.folder / "failures").exists()
+    with (none.folder / "frames.csv").open(newline="") as file:
+        assert list(csv.DictReader(file)) == tables[-1][1]
 
 
 def test_abstaining_always_selects_nothing(

@@ -62,7 +62,7 @@ def test_infer_does_not_import_lightning(
     ended = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
     )
-    assert ended.stdout.splitlines() == [str(tmp_path), "False True"]
+    assert ended.stdout.splitlines()[-2:] == [str(tmp_path), "False True"]
 
 
 @pytest.mark.slow

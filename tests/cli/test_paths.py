@@ -15,6 +15,7 @@ from omegaconf import OmegaConf
 from geoskill.cli.compose import compose_training
 from geoskill.cli.paths import PATH_KEYS, with_literal_paths
 from geoskill.cli.schemas import COMMANDS, VideoTaskConfig
+from geoskill.plugins import EXTRACTORS
 from geoskill.schema import flatten
 
 NASTY = (
@@ -184,7 +185,10 @@ def test_every_key_that_takes_a_path_is_known() -> None:
         if hint in (Any, str | None) and any(word in own.metadata.get("help", "").lower() for word in words)
     }
     hydras = {key for key in PATH_KEYS if key.startswith("hydra.")}
-    assert told - {"artifact"} == set(PATH_KEYS) - hydras - {"artifact.data"}
+    weights = {key for key in PATH_KEYS if key.startswith("descriptor.")}
+    learned = {name for name in EXTRACTORS.built_in if "weights" in EXTRACTORS.parameters(name)}
+    assert weights == {f"descriptor.{name}.weights" for name in learned}
+    assert told - {"artifact"} == set(PATH_KEYS) - hydras - weights - {"artifact.data"}
 
 
 def test_overrides_from_python() -> None:

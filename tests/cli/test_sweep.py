@@ -70,6 +70,27 @@ def test_write_summary_in_every_form(tmp_path: Path) -> None:
     assert cv2.imread(str(tmp_path / "summary.png")) is not None
 
 
+@pytest.mark.parametrize(
+    ("key", "titles"),
+    [
+        ("kernel", ["top-1 accuracy", "RSW"]),
+        ("objective.sigma0", ["top-1 accuracy", "RSW"]),
+        ("features.color", ["top-1 accuracy", "objective", "RSW"]),
+    ],
+)
+def test_objectives_of_different_kinds_are_not_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, key: str, titles: list[str]
+) -> None:
+    drawn: list[list[str]] = []
+    monkeypatch.setattr(
+        "geoskill.viz.bars.save_figure", lambda figure, _: drawn.append([axes.get_title() for axes in figure.axes])
+    )
+    runs = pd.DataFrame({key: ["a", "b"], "objective": [0.2, 9.0], "rsw": [0.1, 0.2], "top1_accuracy": [0.5, 1.0]})
+    write_summary(runs, [key], tmp_path)
+    assert drawn == [titles]
+    assert "objective" in (tmp_path / "summary.md").read_text().split("|", 3)[3]  # the table has all
+
+
 def test_failed_runs_are_told_after_the_summary_of_the_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

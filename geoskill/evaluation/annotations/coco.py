@@ -10,8 +10,8 @@ from typing import Any
 
 from geoskill.errors import InputError
 from geoskill.evaluation.annotations.picture import LabeledPicture, Shape, mask_of_runs, rectangle, shape_of_mask
-from geoskill.evaluation.annotations.text_file import is_coordinate, written
 from geoskill.evaluation.regions import polygon_of
+from geoskill.io.text_file import is_coordinate, written
 
 
 def coco_pictures(path: str | Path, content: Mapping[str, Any]) -> Iterator[LabeledPicture]:

@@ -20,8 +20,8 @@ from geoskill.evaluation.annotations.picture import (
     rectangle,
     shape_of_mask,
 )
-from geoskill.evaluation.annotations.text_file import is_coordinate
 from geoskill.evaluation.regions import polygon_of
+from geoskill.io.text_file import is_coordinate
 
 # CVAT's files are four deep.
 MAX_DEPTH = 20

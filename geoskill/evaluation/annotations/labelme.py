@@ -13,8 +13,8 @@ from typing import Any
 from geoskill.errors import InputError
 from geoskill.evaluation.annotations.mask_picture import decoded_mask
 from geoskill.evaluation.annotations.picture import LabeledPicture, Shape, ellipse, rectangle, shape_of_mask
-from geoskill.evaluation.annotations.text_file import is_coordinate, written
 from geoskill.evaluation.regions import Polygon, polygon_of
+from geoskill.io.text_file import is_coordinate, written
 
 
 def labelme_picture(path: str | Path, content: Mapping[str, Any]) -> LabeledPicture:

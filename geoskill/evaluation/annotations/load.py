@@ -11,9 +11,10 @@ from geoskill.evaluation.annotations.labelme import labelme_picture
 from geoskill.evaluation.annotations.masks import mask_files, masked_pictures
 from geoskill.evaluation.annotations.own_format import own_regions
 from geoskill.evaluation.annotations.picture import LabeledPicture
-from geoskill.evaluation.annotations.text_file import parse_json, read_text
 from geoskill.evaluation.regions import Regions
+from geoskill.io.text_file import parse_json, read_text
 
+EXPECTED = "a regions file (JSON)"
 COCO = {"images", "annotations", "categories"}
 
 
@@ -49,10 +50,10 @@ def load_regions(
 def _regions_of_file(
     path: str | Path, names: RoleNames, frame_count: int | None, stems: Sequence[str] | None
 ) -> Regions:
-    text = read_text(path)
+    text = read_text(path, EXPECTED)
     if text.lstrip().startswith("<"):
         return assigned_regions(path, cvat_pictures(path, text), names, frame_count, stems)
-    content = parse_json(path, text)
+    content = parse_json(path, text, EXPECTED)
     if "shapes" in content:
         return assigned_regions(path, [labelme_picture(path, content)], names, frame_count, stems)
     if content.keys() >= COCO:
@@ -69,7 +70,7 @@ def _pictures_in(folder: Path) -> Iterator[LabeledPicture]:
     files = sorted(folder.glob("*.json"))
     if files:
         for file in files:
-            content = parse_json(file, read_text(file))
+            content = parse_json(file, read_text(file, EXPECTED), EXPECTED)
             if "shapes" not in content:
                 raise InputError(f"{file}: has no shapes; expected files of LabelMe alone in a folder of labels")
             yield labelme_picture(file, content)

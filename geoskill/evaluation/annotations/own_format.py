@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from geoskill.errors import InputError
-from geoskill.evaluation.annotations.text_file import is_coordinate, written
 from geoskill.evaluation.regions import ROLES, FrameRegions, Polygon, Regions, polygon_of
+from geoskill.io.text_file import is_coordinate, written
 
 
 def own_regions(path: str | Path, content: Mapping[str, Any], frame_count: int | None) -> Regions:

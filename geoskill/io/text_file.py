@@ -1,4 +1,4 @@
-"""Files of labels as text, bounded in size, and JSON objects of which each key occurs once."""
+"""Text files from anybody, bounded in size, and JSON objects of which each key occurs once."""
 
 import json
 from collections import Counter
@@ -11,8 +11,12 @@ from geoskill.errors import InputError, shown
 MAX_BYTES = 20_000_000
 
 
-def read_text(path: str | Path) -> str:
-    """Read a file of labels.
+def read_text(path: str | Path, expected: str) -> str:
+    """Read a file.
+
+    Args:
+        path: of the file.
+        expected: what it should be, for messages.
 
     Raises:
         InputError: when there is none, it cannot be read, or it is larger than :data:`MAX_BYTES`.
@@ -20,17 +24,22 @@ def read_text(path: str | Path) -> str:
     try:
         size = Path(path).stat().st_size
         if size > MAX_BYTES:
-            raise InputError(f"{path}: is {size} bytes large; expected a regions file of at most {MAX_BYTES}")
+            raise InputError(f"{path}: is {size} bytes large; expected {expected} of at most {MAX_BYTES}")
         text = Path(path).read_text(encoding="utf-8-sig")  # without the mark with which some editors begin a file
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected a regions file (JSON)") from None
+        raise InputError(f"{path}: no such file; expected {expected}") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); expected a regions file (JSON)") from error
+        raise InputError(f"{path}: cannot be read ({error}); expected {expected}") from error
     return text
 
 
-def parse_json(path: str | Path, text: str) -> dict[str, Any]:
+def parse_json(path: str | Path, text: str, expected: str) -> dict[str, Any]:
     """Parse a JSON object, in which each key occurs once.
+
+    Args:
+        path: of the file, for messages.
+        text: of the file.
+        expected: what it should be, for messages.
 
     Raises:
         InputError: when it is none.
@@ -40,9 +49,9 @@ def parse_json(path: str | Path, text: str) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid JSON ({error}); expected a regions file") from error
+        raise InputError(f"{path}: not valid JSON ({error}); expected {expected}") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: holds {written(content)}; expected an object with the keys image_size and frames")
+        raise InputError(f"{path}: holds {written(content)}; expected an object, as {expected} has it")
     return content
 
 
