@@ -1,4 +1,4 @@
-# For a processor alone:   docker build -t geoskill --build-arg TORCH_INDEX=https://download.pytorch.org/whl/cpu .
+# For a processor alone:   docker build -t geoskill --build-arg TORCH_INDEX=URL .    (pytorch.org/get-started has the URL)
 # For an NVIDIA GPU:       docker build -t geoskill .     (run with --gpus all; the host needs its container toolkit)
 # Then:                    docker run --rm -v "$PWD:/work" geoskill geoskill-train task=video task.path=demo.mp4
 FROM python:3.12-slim
