@@ -19,7 +19,7 @@ def infer(config: InferCommandConfig, run: Run) -> None:
     from geoskill.cli.inputs import load_skill, open_disk_cache, required, rerun_of, selection, use_threads
     from geoskill.cli.report import report_inference
     from geoskill.cli.reporting import write_inference
-    from geoskill.cli.summary import confidence_line, print_summary, script
+    from geoskill.cli.summary import confidence_line, decidability_line, print_summary, script
     from geoskill.io.choice import Choice
     from geoskill.io.sources import open_frames
     from geoskill.training.quiet import quiet_libraries
@@ -37,7 +37,8 @@ def infer(config: InferCommandConfig, run: Run) -> None:
             report_inference(run, skill, str(config.skill))
     learned = [f"{name}: {evidence}" for name, evidence in skill.evidence.items()]
     following = [f"{script('evaluate', f'skill={config.skill}', f'video={video}', 'regions=LABELS')}   # with labels"]
-    print_summary([*learned, confidence_line(metrics)], run.folder, following)
+    said = [line for line in (confidence_line(metrics), decidability_line(metrics)) if line is not None]
+    print_summary([*learned, *said], run.folder, following)
 
 
 if __name__ == "__main__":

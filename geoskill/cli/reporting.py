@@ -154,20 +154,26 @@ class _Results:
 
     def write(self, folder: Path, metrics: Mapping[str, Any]) -> dict[str, Any]:
         """Write task definition, metrics and plot; return the metrics, with those given where the names are new."""
+        decidability = self._decidability()
         own: dict[str, Any] = {
             "source": self._source,
             "frames": self.frames,
             "frames_with_association": len({row[0] for row in self._history}),
             "mean_confidence": float(np.mean([row[2] for row in self._history])) if self._history else None,
         }
-        summary = {**own, **metrics, **own}
+        summary = {**own, **metrics, **own, "decidability": decidability}
         (folder / FOLDER).mkdir(exist_ok=True)
         for path, crop, node in self._definition.pictures():
             write_picture(folder / path, draw_crop(crop, node))
         for name, end in (("first.jpg", self._first), ("last.jpg", self._last)):
             if end is not None:
                 write_picture(folder / FOLDER / name, draw_associations(end[0].image, end[1]))
-        described = {"source": self._source, **chosen(self._skill), **self._definition.as_dict()}
+        described = {
+            "source": self._source,
+            **chosen(self._skill),
+            **self._definition.as_dict(),
+            "decidability": decidability,
+        }
         with atomic_open(folder / "skill.yaml") as file:
             file.write(EDITING)
             yaml.safe_dump(described, file, sort_keys=False, default_flow_style=None, width=120)
@@ -175,6 +181,15 @@ class _Results:
             json.dump(summary, file, indent=2)
         plot_inference(self._history, folder / "inference.png")
         return summary
+
+    def _decidability(self) -> dict[str, Any] | None:
+        """Return what the associations determine in the last frame at the goal, or else in the last that has any."""
+        if self._last is None:
+            return None
+        frame, result = self._last
+        height, width = frame.image.shape[:2]
+        found = self._skill.decidability(result, (width, height))
+        return None if found is None else found.as_plain()
 
 
 def chosen(skill: Skill) -> dict[str, Any]:

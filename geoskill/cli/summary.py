@@ -49,6 +49,24 @@ def accuracy_line(metrics: Mapping[str, Any]) -> str | None:
     return None if accuracy is None else f"accuracy: {accuracy:.1%} of {frames} labeled frames (top 1)"
 
 
+def decidability_line(metrics: Mapping[str, Any]) -> str | None:
+    """Return what the selected associations determine by one camera, and whether that decides the task."""
+    found = metrics.get("decidability")
+    if found is None:
+        return None
+    camera = found["one_camera"]
+    line = (
+        f"determined by one camera: {camera['determined']} of {camera['of']} (x, y, z, and the turn about the vertical)"
+    )
+    if camera["free"]:
+        line += f"; free: {', '.join(camera['free'])}"
+    if camera["weak"]:
+        line += "; weak: " + ", ".join(
+            f"{own['motion']} ({own['mm']:.0f} mm, {own['deg']:.1f}°)" for own in camera["weak"]
+        )
+    return f"{line}; decidable: {found['decidable']}"
+
+
 def script(name: str, *arguments: str) -> str:
     """Return the command line of another command, started as this one was."""
     own = program()

@@ -111,9 +111,10 @@ def _statements(learned: "LearnedSkill") -> list[str]:
 
 
 def _print_summary(config: TrainCommandConfig, run: Run, learned: "LearnedSkill", metrics: dict[str, Any]) -> None:
-    from geoskill.cli.summary import accuracy_line, confidence_line, print_summary, script
+    from geoskill.cli.summary import accuracy_line, confidence_line, decidability_line, print_summary, script
 
-    known = [line for line in (confidence_line(metrics), accuracy_line(metrics)) if line is not None]
+    lines = confidence_line(metrics), accuracy_line(metrics), decidability_line(metrics)
+    known = [line for line in lines if line is not None]
     skill = f"skill={run.folder}"
     simulated = isinstance(config.task, SimulatedTaskConfig)
     test = [f"task={config.task.name}", "scenario=robot"] if simulated else ["video=VIDEO", "regions=LABELS"]

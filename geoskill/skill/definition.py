@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from geoskill.kernels.kernel import automorphisms, constrained_freedom
+from geoskill.kernels.kernel import Kernel, automorphisms, constrained_freedom
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, InferenceResult, Node
 from geoskill.skill.crops import Crop, crop_around
@@ -114,7 +114,7 @@ class TaskDefinition:
         """
         members = {name: self._member(name, member) for name, member in self._members.items()}
         return {
-            "task": task_sentence([[member.kernel for member in self._members.values() if _found(member)]]),
+            "task": task_sentence(_stages(self._members)),
             "degrees_of_freedom": sum(entry["constrains"] for entry in members.values()),
             "phases": [phase.as_plain() for phase in phases_of(self._members)],
             "members": members,
@@ -171,6 +171,15 @@ class TaskDefinition:
                 for number, group in enumerate(self._listed(name), start=1)
             ],
         }
+
+
+def _stages(members: Mapping[str, KernelModel]) -> list[list[Kernel]]:
+    """Return the kernels of what was learned, by phase; those of which it is not known when they settle come last."""
+    found = {name: member.kernel for name, member in members.items() if _found(member)}
+    phases = [phase.settling for phase in phases_of(members)]
+    known = {name for settling in phases for name in settling}
+    stages = [[found[name] for name in settling if name in found] for settling in phases]
+    return [*stages, [kernel for name, kernel in found.items() if name not in known]]
 
 
 def _found(member: KernelModel) -> bool:

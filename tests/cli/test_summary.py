@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from geoskill.cli.summary import FILES, accuracy_line, confidence_line, files_in, script
+from geoskill.cli.summary import FILES, accuracy_line, confidence_line, decidability_line, files_in, script
 
 Command = Callable[..., Any]
 
@@ -20,6 +20,19 @@ def test_lines() -> None:
     nothing = {"frames": 20, "frames_with_association": 0, "mean_confidence": None}
     assert confidence_line(nothing) == "confidence: nothing is selected in any of 20 frames"
     assert accuracy_line(nothing) is None
+
+
+def test_decidability_line() -> None:
+    camera = {"determined": 3, "of": 4, "free": ["the turn"], "weak": [{"motion": "z", "mm": 21.04, "deg": 0.0}]}
+    assert decidability_line({"decidability": {"one_camera": camera, "decidable": "no"}}) == (
+        "determined by one camera: 3 of 4 (x, y, z, and the turn about the vertical); free: the turn;"
+        " weak: z (21 mm, 0.0°); decidable: no"
+    )
+    whole = {"determined": 4, "of": 4, "free": [], "weak": []}
+    line = decidability_line({"decidability": {"one_camera": whole, "decidable": "yes"}})
+    assert line == "determined by one camera: 4 of 4 (x, y, z, and the turn about the vertical); decidable: yes"
+    assert decidability_line({}) is None
+    assert decidability_line({"decidability": None}) is None
 
 
 def test_commands_to_go_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
+from geoskill.model.settling import Settling
 from geoskill.skill.association import Association, InferenceResult, Node
 from geoskill.skill.definition import MAX_CROPPED, MAX_LISTED, TaskDefinition
 from geoskill.skill.pin import MIN_SIMILARITY, decoded_descriptor
@@ -289,3 +290,15 @@ def test_definition_forgets_crops_of_rare_associations() -> None:
 def test_definition_round_trips_through_yaml() -> None:
     described = definition_of([frame_with(CUP, SHELF, 1 / 3, (1 / 3, 2 / 3)), NOTHING])
     assert yaml.safe_load(yaml.safe_dump(described)) == described
+
+
+def test_the_sentence_tells_the_phases_in_their_order() -> None:
+    """The point settles after the line; which settles when is not known of a member without a share."""
+    members = {"p2p_sift": member_of(PointToPoint()), "p2l_sift_lbd": member_of(PointToLine())}
+    members["p2p_sift"].set_settling(Settling(0.8, 3.0, 1.0))
+    members["p2l_sift_lbd"].set_settling(Settling(0.6, 3.0, 1.0))
+    sentence = TaskDefinition(members).as_dict()["task"]
+    line, point = PointToLine.meaning, PointToPoint.meaning
+    assert sentence == f"A thing is moved until {line}, and then until {point}."
+    unknown = {"p2p_sift": member_of(PointToPoint()), "p2l_sift_lbd": members["p2l_sift_lbd"]}
+    assert TaskDefinition(unknown).as_dict()["task"] == sentence, "it comes last"
