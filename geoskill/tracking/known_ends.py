@@ -3,8 +3,8 @@
 ::
 
     at rest at either place      it is known where the feature is at the start and at the end
-    in between                   a feature where the thing is seen moves with it; one near it that looks like one of the
-                                 thing at rest, and like nothing else, is that one
+    in between                   a feature where the thing is seen moves with it; one that looks like one of the thing
+                                 at rest, and like nothing else, is that one
     background                   it stays where it is
     around the thing             unknown: it may belong to either
     the rest                     unrelated: a person, or what a person covers; it does not define the task
@@ -71,7 +71,7 @@ def known_ends(features: Sequence[FeatureSet], places: Places) -> list[KnownEnds
         np.concatenate([ends.end[ends.at_rest] for _, ends in at_rest]),
     )
     return [
-        _recognized(own, ends, pool, places.is_located(frame)) if frame >= places.picked else ends
+        _recognized(own, ends, pool) if frame >= places.picked else ends
         for frame, (own, ends) in enumerate(zip(features, resting, strict=True))
     ]
 
@@ -172,13 +172,13 @@ def _resting(own: FeatureSet, frame: int, count: int, places: Places) -> KnownEn
     return KnownEnds(part.astype(np.int64), at_rest, carried, start, end)
 
 
-def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool, located: bool) -> KnownEnds:
-    """Add the features that look like one of the thing at rest; where it is located, only those that may be on it.
+def _recognized(own: FeatureSet, ends: KnownEnds, pool: _Pool) -> KnownEnds:
+    """Add the features that look like one of the thing at rest, wherever they are: the path may be wrong.
 
     Others of the thing in motion count as unrelated. That costs less than to know nothing of the person next to it
     (docs/experiments/places.md).
     """
-    rows = np.flatnonzero(ends.part == Part.UNKNOWN if located else ~ends.known)
+    rows = np.flatnonzero(~ends.known)
     start, end, matched = ends.start.copy(), ends.end.copy(), np.zeros(len(own), bool)
     if len(rows) and len(pool.thing) and len(pool.others):
         difference = _differences(own.descriptors[rows], pool.thing)

@@ -109,10 +109,6 @@ class Places:
         like = _enlarged(self.path.thing_like[number], self.old.shape)
         return (distance < THING_RADIUS * self.path.size_px) & like, distance < NEAR_RADIUS * self.path.size_px
 
-    def is_located(self, frame: int) -> bool:
-        """Tell whether the carried thing is seen in a frame."""
-        return self.carried(frame) and self.path.number(frame) is not None
-
     def center(self, frame: int) -> Float64[np.ndarray, "2"] | None:
         """Return the thing's center in a frame, in first pixels, or None where it is not known."""
         if not self.carried(frame):

@@ -97,7 +97,7 @@ def test_cascade_is_measured_only_above_its_number_of_instances(tmp_path: Path) 
         ("threads=0", "threads=0: expected a whole number of at least 1"),
         ("limit_s=-1", "limit_s=-1: expected a number above 0"),
         ("device=tpu", "device=tpu: expected cpu or cuda"),
-        ("feature=[8]", "Could not override 'feature'"),
+        ("feature=[8]", "'feature': there is no such key; expected features"),
     ],
 )
 def test_select_out_rejects_bad_input(argument: str, message: str, tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ def test_prototypes_are_descriptors_of_the_video(stages: Stages) -> None:
         (["task=video"], "task=video is no simulated task; expected one such as task=sorting, or video="),
         (["scenario.severity=9"], "scenario.severity=9"),
         (["kernel=p2q"], "In 'pipeline': Could not find 'kernel/p2q'"),
-        (["frame=8"], "Could not override 'frame'"),
+        (["frame=8"], "'frame': there is no such key; expected frames"),
     ],
 )
 def test_pipeline_rejects_bad_input(

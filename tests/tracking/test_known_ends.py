@@ -78,19 +78,6 @@ def test_the_carried_thing_that_is_not_seen_is_recognized_by_its_descriptor() ->
     np.testing.assert_allclose(known.end[THING], NEW_XY, atol=2.5)
 
 
-def test_what_is_far_from_the_thing_is_not_recognized() -> None:
-    sets = features()
-    away = sets[CARRIED].geometry.copy()
-    away[THING] = TABLE_XY[0] + 120, TABLE_XY[1] + 40
-    sets[CARRIED] = FeatureSet(NodeType.POINT, sets[CARRIED].descriptors, away, sets[CARRIED].scores)
-    assert known_ends(sets, places())[CARRIED].part[THING] == Part.BACKGROUND
-    moving = sets[CARRIED].geometry.copy()
-    moving[THING] = hand_xy(CARRIED, Carrying()) - (0, 30)  # the arm
-    sets[CARRIED] = FeatureSet(NodeType.POINT, sets[CARRIED].descriptors, moving, sets[CARRIED].scores)
-    assert known_ends(sets, places())[CARRIED].part[THING] != Part.THING
-    assert known_ends(sets, hidden())[CARRIED].part[THING] == Part.THING, "it looks like it"
-
-
 def test_a_carried_feature_that_looks_like_something_else_is_unrelated() -> None:
     sets = features()
     mixed = np.float32([[0.6, 0, 0.8, 0, 0, 0, 0, 0], *np.eye(3, 8)[1:]])
