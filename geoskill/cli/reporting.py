@@ -1,4 +1,4 @@
-"""The files of a run that say what a skill selected: associations, overlay, definition and figures."""
+"""The files of a run that say what a skill selected: associations, overlay, definition and metrics."""
 
 import json
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sized

@@ -16,7 +16,7 @@ FILES: Mapping[str, str] = {
     "associations.jsonl": "one line for each frame, kernel and rank: features, error, confidence",
     "inference.png": "confidence and error over the frames",
     "training.png": "objective, reward, RSW and error over the steps",
-    "metrics.json": "the figures of this run",
+    "metrics.json": "the metrics of this run",
     "metrics.csv": "the same curves as numbers",
     "frames.csv": "the result of every frame",
     "trials.csv": "how every trial ended",

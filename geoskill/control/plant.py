@@ -42,5 +42,5 @@ class Plant(ABC):
         """Return where the carried thing is, by the ground truth, which the loop does not know."""
 
     def wrong_associations(self) -> int:
-        """Return in how many looks so far the first association was wrong, where that is known; 0 otherwise."""
+        """Return in how many pictures so far the first association was wrong, where that is known; 0 otherwise."""
         return 0

@@ -14,10 +14,8 @@ from jaxtyping import Float64
 
 from geoskill.control.action import Action
 from geoskill.control.rows import Row
+from geoskill.geometry.robust import MAD_TO_STD, biweight
 
-TUKEY: Final = 4.685
-"""Residual beyond which the biweight is 0, in standard deviations: 95 % efficient for normal errors."""
-MAD_TO_STD: Final = 1.4826
 ROUNDS: Final = 6
 CONVERGED: Final = 1e-3
 """Change of all weights below which there are no further rounds."""
@@ -87,16 +85,6 @@ class Equations:
         """Return the right side of the normal equations, for errors ``of`` the rows."""
         own = self.jacobian[:, :, driven]
         return np.asarray(own.reshape(-1, own.shape[2]).T @ (of * weights[:, None]).reshape(-1))
-
-
-def biweight(residuals: Weights, scale: float) -> Weights:
-    """Return Tukey's weights of residuals with a standard deviation of ``scale``.
-
-    >>> biweight(np.array([0.0, 4.685, 9.5]), 2.0).round(4)
-    array([1.    , 0.5625, 0.    ])
-    """
-    ratio = residuals / (TUKEY * scale)
-    return np.square(np.maximum(0.0, 1 - ratio**2))
 
 
 def robust_weights(equations: Equations, driven: Sequence[int]) -> Weights:

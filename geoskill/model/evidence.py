@@ -34,7 +34,7 @@ class Evidence:
         return min(1.0, self.approached / MIN_APPROACHED)
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the figures as written to ``metrics.json`` and ``skill.yaml``."""
+        """Return the metrics as written to ``metrics.json`` and ``skill.yaml``."""
         return {
             "found": self.found,
             "approached": round(self.approached, 4),

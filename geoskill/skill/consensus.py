@@ -15,13 +15,10 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from geoskill.geometry.robust import MAD_TO_STD, biweight
 from geoskill.kernels.kernel import Kernel
 from geoskill.skill.association import Association
 
-TUKEY: Final = 4.685
-"""Residual beyond which the biweight is 0, in standard deviations: 95 % efficient for normal errors."""
-MAD_TO_STD: Final = 1.4826
-"""Standard deviation of normal errors over their median absolute value."""
 ROUNDS: Final = 6
 MIN_WEIGHT: Final = 0.1
 """Weight above which an association agrees."""
@@ -70,8 +67,7 @@ def consensus(kernel: Kernel, listed: Sequence[Association]) -> Consensus | None
     weights = np.ones(len(known))
     for _ in range(ROUNDS):
         own = residuals(offset)
-        scale = TUKEY * max(1.0, MAD_TO_STD * float(np.median(own)))
-        weights = np.maximum(0.0, 1 - (own / scale) ** 2) ** 2
+        weights = biweight(own, max(1.0, MAD_TO_STD * float(np.median(own))))
         offset = _fitted(errors, slopes, weights / np.maximum(noise, 1e-9) ** 2)
     share = float((weights > MIN_WEIGHT).sum() / len(listed))
     return Consensus(share, (float(offset[0]), float(offset[1])))

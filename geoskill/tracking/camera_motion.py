@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt8
 
+from geoskill.geometry.robust import MAD_TO_STD, biweight
 from geoskill.geometry.sampling import resized, sample_bilinear
 
 # Edges: the pixels of most contrast in every cell of the working picture.
@@ -28,7 +29,8 @@ BLUR_PX = 1.0
 LEVELS = (4, 2, 1)
 MAX_STEPS = 8
 SMALLEST_STEP = 0.02
-# Tukey's weight is zero from four scales on; the scale is that of the residuals, but at least this many gray values.
+# Tukey's weight is zero from so many standard deviations on, which are at least so many gray values.
+CUTOFF = 4.0
 MIN_SCALE = 2.0
 # An edge fits when its gray value differs by less.
 FITTING = 6.0
@@ -208,8 +210,8 @@ def _step(
 ) -> Float64[np.ndarray, "4"]:
     """Return the step of Gauss and Newton, weighted by Tukey, from a motion to a better one."""
     residual, inside = _residual(edges, picture, motion)
-    scale = max(MIN_SCALE, 1.4826 * float(np.median(np.abs(residual))))
-    weight = inside * np.maximum(0.0, 1.0 - (residual / (4.0 * scale)) ** 2) ** 2
+    scale = max(MIN_SCALE, MAD_TO_STD * float(np.median(np.abs(residual))))
+    weight = inside * biweight(residual, scale, CUTOFF)
     normal = edges.slope.T @ (edges.slope * weight[:, None])
     normal += (1e-3 * np.trace(normal) / 4.0 + 1e-9) * np.eye(4)  # directions that no edge tells of
     return np.asarray(-np.linalg.solve(normal, edges.slope.T @ (weight * residual)))

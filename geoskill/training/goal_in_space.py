@@ -17,7 +17,7 @@ MAX_SURROUNDINGS: Final = 1024
 REST_M: Final = 0.015
 """What ends within this of where it is, and was no farther away before, rests; noise of depth is some millimeters."""
 SAME_M: Final = 0.002
-"""Two looks of a point nearer than this are one where their descriptors are alike, too."""
+"""Two detections of a point nearer than this are one where their descriptors are similar, too."""
 
 
 def fit_goal_in_space(

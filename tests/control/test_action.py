@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from geoskill.control.action import DOF_SETS, ActionSpace, Dof, Limits, action_space, twist
 from geoskill.control.exploration import probe_of, probing_moves
 from geoskill.control.safety import safe_action, usable, way_back
-from tests.control.helpers import pair
+from tests.control.small_loops import pair
 
 SPACE = action_space("descent")
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)

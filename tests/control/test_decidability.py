@@ -14,7 +14,7 @@ from geoskill.control.decidability import (
 )
 from geoskill.control.points_plant import points_cameras
 from geoskill.geometry.poses import rotation_about
-from tests.control.helpers import L2L, P2L, P2P, PAR
+from tests.control.small_loops import L2L, P2L, P2P, PAR
 
 CAMERAS = points_cameras(2)
 

@@ -10,7 +10,7 @@ from geoskill.control.robust import Equations, robust_weights, solved
 from geoskill.control.rows import Row
 from geoskill.control.sequence import Phase, PhaseState, advanced, weights_of
 from geoskill.control.stopping import averaging, is_growing, is_settled, near_goal
-from tests.control.helpers import pair
+from tests.control.small_loops import pair
 
 SPACE = action_space("descent")
 DRIVEN = [0, 1, 3]

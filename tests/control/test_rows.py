@@ -12,7 +12,7 @@ from geoskill.geometry.camera import project
 from geoskill.geometry.poses import transform
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
-from tests.control.helpers import KERNELS, L2L, P2P, PAR, pair
+from tests.control.small_loops import KERNELS, L2L, P2P, PAR, pair
 
 SPACE = action_space("xyzabc")
 

@@ -17,7 +17,7 @@ from geoskill.control.state import Decision, Followed, Mode, ServoState, Setup, 
 from geoskill.control.trial import run_trial
 from geoskill.control.who_moves import Ledger, evidence_of
 from geoskill.kernels.kernel import Kernel
-from tests.control.helpers import KERNELS, L2L, P2P, pair, setup_of, trials
+from tests.control.small_loops import KERNELS, L2L, P2P, pair, setup_of, trials
 
 
 def test_all_faults_at_once_do_not_keep_it_from_the_goal() -> None:

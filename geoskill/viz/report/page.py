@@ -5,7 +5,7 @@
     skill.yaml, definition/   sentence, crops, phases
     associations.jsonl        curves over time, with a cursor that moves with the video
     overlay.mp4               in the page, or beside it where it is large
-    metrics.json, .csv        figures, reliability, curves of the training
+    metrics.json, .csv        metrics, reliability, curves of the training
     table.md, *.png           of a study
     .hydra/                   settings
 """
@@ -107,7 +107,7 @@ def _content(folder: Path, about: About, max_embedded_mb: float) -> dict[str, An
         "video": _video(folder / "overlay.mp4", max_embedded_mb),
         "frames": _frames(curves),
         "states": [(str(state), _state_code(state)) for state in State],
-        "figures": _pairs({name: value for name, value in metrics.items() if not isinstance(value, dict | list)}),
+        "metrics": _pairs({name: value for name, value in metrics.items() if not isinstance(value, dict | list)}),
         "members": {name: _pairs(_mapping(own)) for name, own in _mapping(metrics.get("members")).items()},
         "tables": _tables(folder / "table.md"),
         "pictures": [(name, _picture(folder / name)) for name in ("accuracy.png", "reliability.png", "training.png")]
