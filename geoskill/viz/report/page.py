@@ -309,7 +309,7 @@ def _pairs(values: Any, prefix: str = "") -> list[tuple[str, str]]:
 def _named(name: str, value: Any) -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping):
         yield from _pairs(value, f"{name}.")
-    elif value not in (None, "") and not (isinstance(value, list) and any(isinstance(own, list) for own in value)):
+    elif value not in (None, "", []) and not (isinstance(value, list) and any(isinstance(own, list) for own in value)):
         yield name.replace("_", " "), _shown(value)
 
 
