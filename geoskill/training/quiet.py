@@ -12,6 +12,7 @@ MESSAGES = (
     ".*`torch.jit.script` is deprecated.*",  # PyTorch Geometric calls it when imported
     ".*exists and is not empty.*",
     ".*treespec.*LeafSpec.*is deprecated.*",
+    ".*`srun` command is available.*",  # on a login node, and where one task starts its own processes
 )
 
 

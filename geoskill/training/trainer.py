@@ -1,5 +1,6 @@
 """The Lightning trainer and the optimizer of a configuration."""
 
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import torch
 from lightning import Callback, Trainer
+from lightning.fabric.plugins.environments.lightning import LightningEnvironment
+from lightning.fabric.plugins.environments.slurm import SLURMEnvironment
 from lightning.pytorch.accelerators import CUDAAccelerator, MPSAccelerator
 from lightning.pytorch.callbacks import EarlyStopping, EMAWeightAveraging
 
@@ -69,11 +72,23 @@ def build_trainer(
     return Trainer(
         **settings,
         logger=list(loggers) or False,
+        plugins=cluster_environment(),
         callbacks=callbacks,
         default_root_dir=None if checkpoint is None else str(checkpoint.parent),
         enable_checkpointing=checkpoint is not None,
         enable_model_summary=False,
     )
+
+
+def cluster_environment() -> SLURMEnvironment | LightningEnvironment | None:
+    """Return what starts the processes of a training inside a job of Slurm; elsewhere None, and Lightning finds out.
+
+    Lightning would requeue the job by itself with a checkpoint from the middle of an epoch, with which a training does
+    not go on exactly as it would have; ours of the last epoch does, and Slurm requeues a preempted job anyway.
+    """
+    if os.environ.get("SLURM_NTASKS", "1") != "1":  # srun has started one process for each device
+        return SLURMEnvironment(auto_requeue=False)
+    return LightningEnvironment() if "SLURM_JOB_ID" in os.environ else None
 
 
 @contextmanager
@@ -97,6 +112,12 @@ def require_usable(config: TrainerConfig) -> None:
     if config.accelerator == "gpu" and not (CUDAAccelerator.is_available() or MPSAccelerator.is_available()):
         raise InputError("accelerator=gpu: PyTorch finds no GPU here; expected cpu (trainer=cpu)")
     try:
-        Trainer(**as_plain(config), logger=False, enable_checkpointing=False, enable_model_summary=False)
-    except (TypeError, ValueError) as error:
+        Trainer(
+            **as_plain(config),
+            logger=False,
+            plugins=cluster_environment(),
+            enable_checkpointing=False,
+            enable_model_summary=False,
+        )
+    except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"trainer: {error}") from error
