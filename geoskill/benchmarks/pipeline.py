@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geoskill.benchmarks.config import PipelineConfig
-from geoskill.cli.command import Run, let_idle_threads_sleep, run_command
+from geoskill.cli.command import Run, run_command
 from geoskill.cli.schemas import SimulatedTaskConfig
 from geoskill.errors import InputError
 from geoskill.io.frames import FrameSource
@@ -20,7 +20,6 @@ def measure(config: PipelineConfig, run: Run) -> None:
     Raises:
         InputError: when a value of the configuration or the video cannot be used.
     """
-    let_idle_threads_sleep()  # has no effect once PyTorch is imported, as it is below
     from geoskill.benchmarks.machine import check_run
     from geoskill.benchmarks.stages import Stages
     from geoskill.cli.inputs import use_threads

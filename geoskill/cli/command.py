@@ -74,6 +74,7 @@ def run_command(name: str, schema: type[C], job: Callable[[C, Run], None]) -> No
     # Hydra would print its own message and end with 1 whatever happened; with this it lets exceptions through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     give_libraries_a_home()
+    let_idle_threads_sleep()
     warnings.showwarning = _show_warning
 
     def guarded(cfg: DictConfig) -> None:
@@ -142,8 +143,8 @@ def give_libraries_a_home() -> None:
 def let_idle_threads_sleep() -> None:
     """Have threads of PyTorch that wait for each other sleep, where others have work for their cores.
 
-    By default they spin for some milliseconds, which slows threads that extract features beside them (see
-    docs/experiments/speed.md). It has an effect only before PyTorch is imported.
+    By default they spin for some milliseconds at every operation. On a busy machine that makes a training ten times as
+    long (see docs/experiments/speed.md). It has an effect only before PyTorch is imported.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 

@@ -1,6 +1,6 @@
 """``python infer.py``: select associations on every frame of a video, a folder or a camera."""
 
-from geoskill.cli.command import Run, let_idle_threads_sleep, run_command
+from geoskill.cli.command import Run, run_command
 from geoskill.cli.schemas import InferCommandConfig
 
 
@@ -15,7 +15,6 @@ def infer(config: InferCommandConfig, run: Run) -> None:
     Raises:
         InputError: for an unusable skill or video.
     """
-    let_idle_threads_sleep()
     from geoskill.cli.inputs import load_skill, open_disk_cache, required, rerun_of, selection, use_threads
     from geoskill.cli.report import report_inference
     from geoskill.cli.reporting import write_inference

@@ -1,7 +1,6 @@
 """The command ``python -m geoskill.benchmarks.pipeline``, on a small video and on bad input."""
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -51,22 +50,6 @@ def test_pipeline_writes_table_json_and_plot(demonstration_folder: Path, tmp_pat
     assert table in process.stdout
     assert [line.split(" | ")[0].removeprefix("| ") for line in table.splitlines()[2:]] == WORKLOADS
     assert (tmp_path / "pipeline.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_omp_wait_policy_is_set_before_torch_is_imported() -> None:
-    """PyTorch reads the variable once, on import."""
-    program = (
-        "import os, sys\n"
-        "import geoskill.cli.infer, geoskill.benchmarks.pipeline\n"
-        "assert 'torch' not in sys.modules\n"
-        "from geoskill.cli.command import let_idle_threads_sleep\n"
-        "let_idle_threads_sleep()\n"
-        "assert os.environ['OMP_WAIT_POLICY'] == os.environ.get('WANTED', 'PASSIVE')\n"
-    )
-    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
-    for variables in ({}, {"OMP_WAIT_POLICY": "ACTIVE", "WANTED": "ACTIVE"}):
-        process = subprocess.run([sys.executable, "-c", program], env={**environment, **variables}, check=False)
-        assert process.returncode == 0
 
 
 def test_relative_rate_compares_within_a_round() -> None:

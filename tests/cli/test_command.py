@@ -56,6 +56,30 @@ def test_help_is_quick_and_imports_nothing_heavy(environment: dict[str, str], na
     assert ended.stdout.splitlines()[-1] == "heavy: []"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("wanted", [None, "ACTIVE"])
+def test_idle_threads_sleep_in_every_command(environment: dict[str, str], tmp_path: Path, wanted: str | None) -> None:
+    """The library that PyTorch divides its work with says how often a waiting thread looks before it sleeps."""
+    program = (
+        "import sys\n"
+        "from geoskill.cli.command import run_command\n"
+        "from geoskill.cli.schemas import InferCommandConfig\n"
+        "assert 'torch' not in sys.modules\n"
+        f"sys.argv[1:] = ['hydra.run.dir={tmp_path}']\n"
+        "def job(config, run): import torch\n"
+        "run_command('infer', InferCommandConfig, job)\n"
+    )
+    own = {name: value for name, value in environment.items() if name not in ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT")}
+    own |= {"OMP_DISPLAY_ENV": "verbose", **({} if wanted is None else {"OMP_WAIT_POLICY": wanted})}
+    ended = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, env=own, capture_output=True, text=True, check=True
+    )
+    spins = [int(line.split("'")[1]) for line in ended.stderr.splitlines() if "GOMP_SPINCOUNT" in line]
+    if not spins:
+        pytest.skip("this PyTorch does not divide its work with GNU OpenMP")
+    assert (max(spins) == 0) == (wanted is None)
+
+
 def test_explain() -> None:
     wrapped = RuntimeError("while building")
     wrapped.__cause__ = InputError("model.layers=0: expected\nat least 1")
