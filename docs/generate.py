@@ -31,6 +31,7 @@ ROOMS = {
     "evaluation": "evaluation: labels and metrics",
     "viz": "viz: pictures and video",
     "control": "control: visual servoing",
+    "exports": "exports: ROS 2, ViSP, Machine Vision Toolbox",
 }
 TOP_LEVEL = ("config", "tuning", "plugins", "testing", "schema", "errors")
 

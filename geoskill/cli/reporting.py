@@ -30,6 +30,7 @@ from geoskill.viz.strip import ErrorHistory
 from geoskill.viz.video_writer import VideoWriter
 
 if TYPE_CHECKING:
+    from geoskill.cli.exporting import FrameExports
     from geoskill.viz.rerun_log import RerunLog
 
 
@@ -43,6 +44,7 @@ def write_inference(
     metrics: Mapping[str, Any],
     threads: int,
     rerun: bool | str = False,
+    exports: "FrameExports | None" = None,
 ) -> dict[str, Any]:
     """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
@@ -60,6 +62,7 @@ def write_inference(
         threads: number of frames whose features are extracted at once, while associations are selected in another;
             with one, each frame is finished before the next is read.
         rerun: whether to write a recording for rerun, or ``live`` to show it in its viewer.
+        exports: files for other programs, or None.
 
     Raises:
         InputError: where the source is damaged, or rerun cannot be used.
@@ -77,8 +80,10 @@ def write_inference(
         try:
             for frame, features in show_progress(extracted, "selecting associations", total):
                 result = infer(frame.image, features, frame.depth)
-                for line in association_lines(frame, result, skill.members):
-                    lines.write(json.dumps(line) + "\n")
+                described = list(association_lines(frame, result, skill.members))
+                lines.writelines(json.dumps(line) + "\n" for line in described)
+                if exports is not None:
+                    exports.add(frame, result, described)
                 video.write(results.overlay(frame, result, min_drawn_weight), frame.time_s)
                 results.add(frame, result)
                 if log is not None:

@@ -121,6 +121,7 @@ class CacheConfig(Config):
 
 
 RERUN = "`true`: write recording.rrd for rerun; `live`: show it in rerun's viewer meanwhile."
+EXPORT = "`ros2`: error.mcap; `visp`: visp_features.json; `mvtb`: mvtb.npz; or several, `[ros2,visp]`."
 
 
 def _debug() -> Any:
@@ -180,6 +181,15 @@ class InferCommandConfig(Config):
         None, "Threads of PyTorch, and frames worked on at once; null: as many as PyTorch likes.", at_least=1
     )
     rerun: Any = setting(False, RERUN)
+    export: Any = setting(None, f"Files for other programs. {EXPORT}")
+    intrinsics: str | None = setting(
+        None, "File of the camera's intrinsics, as OpenCV, ROS and TUM write it, for Jacobians in exports."
+    )
+    depth_m: float = setting(
+        0.7,
+        "Rough distance of the scene along the camera's axis, for exports of pictures without depth, meters.",
+        above=0,
+    )
     precision: str | None = _precision()
     device: str = setting("cpu", "Device of the networks.")
     report: bool = _report()

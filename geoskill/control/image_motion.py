@@ -1,6 +1,7 @@
 """Interface of the motion field: how the picture of the carried thing moves when the actor moves."""
 
 from abc import ABC, abstractmethod
+from typing import final
 
 import numpy as np
 from jaxtyping import Float64
@@ -32,3 +33,23 @@ class ImageMotion(ABC):
         """Return how far each point moves with an action, pixels."""
         moved: Points = self.jacobian(points) @ action
         return moved
+
+
+@final
+class StillMotion(ImageMotion):
+    """A field in which nothing moves, where only errors are wanted.
+
+    Args:
+        dofs: number of components of an action.
+    """
+
+    def __init__(self, dofs: int) -> None:
+        self._dofs = dofs
+
+    def jacobian(self, points: Points) -> PointJacobians:
+        """See :meth:`ImageMotion.jacobian`."""
+        return np.zeros((len(points), 2, self._dofs))
+
+    def observed(self, before: Points, after: Points, action: Action) -> "StillMotion":
+        """See :meth:`ImageMotion.observed`."""
+        return self

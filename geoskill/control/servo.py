@@ -16,7 +16,7 @@ import numpy as np
 
 from geoskill.control.action import Action, Dof
 from geoskill.control.exploration import probing_moves
-from geoskill.control.image_motion import ImageMotion, PointJacobians, Points
+from geoskill.control.image_motion import ImageMotion, StillMotion
 from geoskill.control.law import Step, step_of
 from geoskill.control.perceive import perceived, with_roles
 from geoskill.control.rows import Row, rows_of
@@ -32,19 +32,6 @@ REMEMBERED: Final = 64
 MAX_EXPLORATIONS: Final = 2
 
 Result = tuple[Decision, ServoState, Record]
-
-
-class _Still(ImageMotion):
-    """A field in which nothing moves, where only errors are wanted."""
-
-    def __init__(self, dofs: int) -> None:
-        self._dofs = dofs
-
-    def jacobian(self, points: Points) -> PointJacobians:
-        return np.zeros((len(points), 2, self._dofs))
-
-    def observed(self, before: Points, after: Points, action: Action) -> "_Still":
-        return self
 
 
 def initial_state(setup: Setup, *, explores: bool = True) -> ServoState:
@@ -99,7 +86,7 @@ def _rows(setup: Setup, state: ServoState, sighting: Sighting) -> tuple[list[Row
     """Return the rows that may drive, and the state with Broyden's Jacobians updated where they are used."""
     motions: Sequence[ImageMotion | None] = state.motions if sighting.motions is None else sighting.motions
     if setup.uses_slots:
-        motions = [_Still(len(setup.space.dofs))] * len(setup.sizes)
+        motions = [StillMotion(len(setup.space.dofs))] * len(setup.sizes)
     constraints = [
         own
         for own in sighting.constraints
@@ -108,7 +95,7 @@ def _rows(setup: Setup, state: ServoState, sighting: Sighting) -> tuple[list[Row
         and usable(own, setup.sizes[own.camera], setup.config.min_confidence)
     ]
     constraints = with_roles(constraints, state.ledgers)
-    rows = rows_of(constraints, [_Still(len(setup.space.dofs)) if own is None else own for own in motions])
+    rows = rows_of(constraints, [StillMotion(len(setup.space.dofs)) if own is None else own for own in motions])
     rows = [row for row in rows if np.isfinite(row.error).all() and np.isfinite(row.jacobian).all()]
     if setup.uses_slots:
         slots = state.slots.advanced(rows, state.way[-1], setup.space, state.probing)

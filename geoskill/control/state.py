@@ -192,17 +192,7 @@ class Record:
             "state": str(decision.mode),
             "reason": decision.reason,
             "rows": [
-                {
-                    "member": row.constraint.member,
-                    "kernel": row.constraint.kernel.name,
-                    "rank": row.constraint.rank,
-                    "camera": row.constraint.camera,
-                    "error": rounded(row.error),
-                    "jacobian": [rounded(line) for line in row.jacobian],
-                    "weight": round(float(weight) * row.weight, 4),
-                    "confidence": round(row.constraint.confidence, 4),
-                    "nodes": [rounded(node, 2) for node in row.constraint.nodes],
-                }
+                row_as_json(row, float(weight) * row.weight)
                 for row, weight in zip(self.rows, self.weights, strict=True)
             ],
             "dof": names(space.dofs),
@@ -212,6 +202,29 @@ class Record:
             "rms_px": None if self.rms is None else round(self.rms, 3),
             "notes": list(self.notes),
         }
+
+
+def row_as_json(row: Row, weight: float) -> dict[str, Any]:
+    """Return what the neutral record says of one row; the error is what is to become zero, the target taken off.
+
+    Args:
+        row: to be told.
+        weight: with which it drives, in [0, 1].
+    """
+    own = row.constraint
+    return {
+        "member": own.member,
+        "kernel": own.kernel.name,
+        "rank": own.rank,
+        "camera": own.camera,
+        "error": rounded(row.error),
+        "target": None if own.target is None else rounded(np.array(own.target)),
+        "jacobian": [rounded(line) for line in row.jacobian],
+        "weight": round(weight, 4),
+        "confidence": round(own.confidence, 4),
+        "nodes": [rounded(node, 2) for node in own.nodes],
+        "carried": list(own.carried),
+    }
 
 
 def rounded(values: np.ndarray, digits: int = 4) -> list[float]:
