@@ -36,8 +36,8 @@ class ProgressLines:
         print(line, flush=True)
 
     def enter(self, stage: str) -> None:
-        """Say which stage begins."""
-        self.stage = stage
+        """Say which stage begins, or what of it is done, after a colon: ``training: epoch 1 of 16``."""
+        self.stage = stage.partition(":")[0]
         self.say(stage)
 
     def keep_alive(self, ended: threading.Event) -> None:

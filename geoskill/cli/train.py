@@ -76,7 +76,7 @@ def train(config: TrainCommandConfig, run: Run) -> None:
             logger=loggers,
             cache=None if store is None else FeatureCache(store),
             progress=show_progress,
-            report=None if is_terminal() else LINES.say,
+            report=None if is_terminal() else LINES.enter,
             scene=SimulatedScene(config.task.name, config.seed, config.scenario) if simulated else None,
             count=config.task.num_demonstrations if simulated else len(parts_of(config.task)),
         )

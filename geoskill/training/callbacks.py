@@ -66,7 +66,7 @@ class MetricsTable(Callback):
 
 @final
 class EpochLines(Callback):
-    """A line of text after every epoch, with the time that is left.
+    """A line of text before the first epoch and after every one, with the time that is left.
 
     Args:
         report: takes the line.
@@ -80,6 +80,8 @@ class EpochLines(Callback):
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Begin to measure, at whatever epoch a training goes on."""
         self._began_s, self._first = time.monotonic(), trainer.current_epoch
+        if trainer.is_global_zero and trainer.max_epochs is not None:
+            self._report(f"training: {trainer.max_epochs - self._first} epochs")
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Report."""

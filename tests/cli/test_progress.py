@@ -73,12 +73,12 @@ def test_progress_without_lightning(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_long_silence_is_broken(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(progress, "SILENCE_S", 0.05)
     lines, ended = ProgressLines(), threading.Event()
-    lines.enter("fitting")
+    lines.enter("fitting: epoch 1 of 16")
     thread = threading.Thread(target=lines.keep_alive, args=(ended,))
     thread.start()
     time.sleep(0.35)
     ended.set()
     thread.join(timeout=10)
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "fitting"
+    assert said[0] == "fitting: epoch 1 of 16"
     assert 1 <= said.count("fitting: still at work after 1 s") <= 7

@@ -58,6 +58,7 @@ def test_training_ends_with_a_summary(trained: Any) -> None:
         f"training: epoch {epoch} of 2,  left" for epoch in (1, 2)
     ]
     assert "extracting features: 20" in lines
+    assert lines.index("training: 2 epochs") == lines.index(epochs[0]) - 1
 
 
 def test_infer_ends_with_a_summary(
