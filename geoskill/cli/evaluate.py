@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from geoskill.cli.command import Run, run_command
@@ -10,7 +11,10 @@ from geoskill.errors import InputError
 
 if TYPE_CHECKING:
     from geoskill.cli.sequences import LabeledSequence
+    from geoskill.evaluation.metrics import FrameResult
     from geoskill.io.disk_cache import DiskCache
+    from geoskill.io.frames import Frame
+    from geoskill.skill.association import InferenceResult
     from geoskill.skill.skill import Skill
 
 # Frames of a demonstration in whose features the oracle looks for associations that meet.
@@ -28,6 +32,7 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
     Raises:
         InputError: for an unusable skill, video or regions file.
     """
+    from geoskill.cli.end_of_task import EndOfTask
     from geoskill.cli.failure_pictures import FailurePictures
     from geoskill.cli.inputs import load_skill, open_disk_cache, required, use_threads
     from geoskill.cli.report import report_evaluation
@@ -49,12 +54,18 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
         sequence = _sequence(config, run, skill, store)
         assert sequence.labels is not None
         selected: list[dict[str, Any]] = []
-        failures = FailurePictures(sequence.labels, config.failures)
+        failures, end = FailurePictures(sequence.labels, config.failures), EndOfTask()
+
+        def watch(frame: "Frame", result: "InferenceResult", results: "Sequence[FrameResult]") -> None:
+            failures(frame, result, results)
+            end.add(frame, result)
+
         metrics, rows = score(
-            skill, sequence.frames, sequence.labels, config.every, config.inference, selected, threads, failures
+            skill, sequence.frames, sequence.labels, config.every, config.inference, selected, threads, watch
         )
         if sequence.recording is not None:
             metrics = _beside_simulation(metrics, config, skill, sequence, store)
+        metrics["decidability"] = end.decidability(skill)
     with atomic_open(run.folder / "metrics.json") as file:
         described = {"skill": str(config.skill), "video": sequence.source.name, "every": config.every}
         json.dump({**described, **metrics}, file, indent=2)
@@ -69,7 +80,7 @@ def evaluate(config: EvaluateCommandConfig, run: Run) -> None:
 
 
 def _print_summary(config: EvaluateCommandConfig, run: Run, metrics: dict[str, Any]) -> None:
-    from geoskill.cli.summary import print_summary, script
+    from geoskill.cli.summary import decidability_line, print_summary, script
 
     lines = []
     for name, member in metrics["members"].items():
@@ -79,6 +90,9 @@ def _print_summary(config: EvaluateCommandConfig, run: Run, metrics: dict[str, A
             f" on {member['feasible_frames']} of {member['frames']} frames, RSW {member['rsw']:.4f},"
             f" confidence {'none' if confidence is None else f'{confidence:.2f}'} on average"
         )
+    decided = decidability_line(metrics)
+    if decided is not None:
+        lines.append(decided)
     if metrics["unlabeled_frames"]:
         lines.append(f"{metrics['unlabeled_frames']} frames to be evaluated have no labels and were left out")
     video = "VIDEO" if config.video is None else str(config.video)

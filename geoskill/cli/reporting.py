@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from jaxtyping import UInt8
 
+from geoskill.cli.end_of_task import EndOfTask
 from geoskill.cli.inputs import Infer
 from geoskill.cli.progress import show_progress
 from geoskill.features.feature_set import FeatureSet
@@ -21,7 +22,6 @@ from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import InferenceResult
 from geoskill.skill.definition import FOLDER, TaskDefinition
 from geoskill.skill.definition_edit import EDITING
-from geoskill.skill.member_status import State
 from geoskill.skill.skill import Skill
 from geoskill.viz.crops import draw_crop, write_picture
 from geoskill.viz.curves import plot_inference
@@ -125,8 +125,7 @@ class _Results:
         self._errors = ErrorHistory(total)
         self._history: list[tuple[int, str, float, float]] = []
         self._first: tuple[Frame, InferenceResult] | None = None
-        self._last: tuple[Frame, InferenceResult] | None = None
-        self._is_done = False
+        self._end = EndOfTask()
 
     def overlay(
         self, frame: Frame, result: InferenceResult, min_drawn_weight: float
@@ -152,14 +151,12 @@ class _Results:
                 self._history.append((frame.index, association.member, association.confidence, norm))
         if result.associations:
             self._first = self._first or (frame, result)
-            is_done = State.AT_GOAL in result.states.values()
-            if is_done or not self._is_done:  # the last frame at the goal, or else the last one
-                self._last, self._is_done = (frame, result), is_done
+        self._end.add(frame, result)
         self.frames += 1
 
     def write(self, folder: Path, metrics: Mapping[str, Any]) -> dict[str, Any]:
         """Write task definition, metrics and plot; return the metrics, with those given where the names are new."""
-        decidability = self._decidability()
+        decidability = self._end.decidability(self._skill)
         own: dict[str, Any] = {
             "source": self._source,
             "frames": self.frames,
@@ -170,7 +167,7 @@ class _Results:
         (folder / FOLDER).mkdir(exist_ok=True)
         for path, crop, node in self._definition.pictures():
             write_picture(folder / path, draw_crop(crop, node))
-        for name, end in (("first.jpg", self._first), ("last.jpg", self._last)):
+        for name, end in (("first.jpg", self._first), ("last.jpg", self._end.seen)):
             if end is not None:
                 write_picture(folder / FOLDER / name, draw_associations(end[0].image, end[1]))
         described = {
@@ -186,15 +183,6 @@ class _Results:
             json.dump(summary, file, indent=2)
         plot_inference(self._history, folder / "inference.png")
         return summary
-
-    def _decidability(self) -> dict[str, Any] | None:
-        """Return what the associations determine in the last frame at the goal, or else in the last that has any."""
-        if self._last is None:
-            return None
-        frame, result = self._last
-        height, width = frame.image.shape[:2]
-        found = self._skill.decidability(result, (width, height))
-        return None if found is None else found.as_plain()
 
 
 def chosen(skill: Skill) -> dict[str, Any]:

@@ -14,10 +14,11 @@ class State(StrEnum):
 
     Attributes:
         APPROACHING: an association is selected.
-        AT_GOAL: its goal error is within the tolerance.
+        AT_GOAL: its goal error is certain and within the tolerance, also where another association is selected whose
+            error is not certain yet.
         LOST: no association, or none that is confident enough.
         UNSURE: the error made a step that neither the motion of the nodes nor noise explains, and has not been
-            confirmed since (:mod:`geoskill.skill.innovation`).
+            confirmed since (:mod:`geoskill.skill.innovation`); and it is not at the goal for certain.
     """
 
     APPROACHING = "approaching"

@@ -93,6 +93,6 @@ class StatusOverTime:
         self._error_gate.take_in(goes_on, frames)
 
     def _state(self, top: Association, goal_is_certain: bool) -> State:
-        if not self._error_gate.is_certain:
-            return State.UNSURE
-        return State.AT_GOAL if goal_is_certain and top.is_at_goal else State.APPROACHING
+        if goal_is_certain and top.is_at_goal:
+            return State.AT_GOAL  # another pair of the same two things has another error, and is there just as well
+        return State.APPROACHING if self._error_gate.is_certain else State.UNSURE

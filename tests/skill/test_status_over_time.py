@@ -83,6 +83,13 @@ def test_step_of_the_error_alone_is_unsure_for_one_frame(status: StatusOverTime)
     assert all(own.goal_error_is_certain for own in seen)
 
 
+def test_another_pair_at_the_goal_is_at_the_goal(status: StatusOverTime) -> None:
+    seen = run(status, pair(0.5, 0), *[pair(15, 20, rest=(9.0, 9.0), goal=(0.3, 0.2))] * 2)
+    assert states(seen) == ["at goal"] * 3
+    assert [own.error_is_certain for own in seen] == [True, False, True]
+    assert all(own.goal_error_is_certain for own in seen)
+
+
 def test_step_during_confirmation_starts_it_again(status: StatusOverTime) -> None:
     first, second = pair(-100, 5, rest=(200.0, 80.0)), pair(60, 60, rest=(20.0, 90.0))
     seen = run(status, pair(40, 0), first, second, second, second, second)
