@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 PYTEST := OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS)
 
-.PHONY: help train infer evaluate servo reproduce data doctor test test-fast robustness lint docs package clean
+.PHONY: help train infer evaluate servo serve reproduce data doctor test test-fast robustness lint docs package clean
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
@@ -26,6 +26,9 @@ evaluate: $(READY) ## score a skill: make evaluate ARGS="skill=RUN/skill.ckpt vi
 
 servo: $(READY) ## close the loop in simulation: make servo ARGS="faults=all" or ARGS="plant=scene skill=RUN/skill.ckpt"
 	@$(RUN) servo.py $(ARGS)
+
+serve: $(READY) ## tell other programs live what a skill selects: make serve ARGS="skill=RUN/skill.ckpt video=0"
+	@$(RUN) serve.py $(ARGS)
 
 reproduce: $(READY) ## train and score over several seeds: make reproduce ARGS="artifact.data=DIR"
 	@$(RUN) reproduce.py $(ARGS)

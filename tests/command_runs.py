@@ -74,7 +74,7 @@ def command(
     environment: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Command:
     """``command("train", "seed=1")`` does what ``python train.py seed=1`` does, within this process."""
-    from geoskill.cli import evaluate, infer, reproduce, servo, train
+    from geoskill.cli import evaluate, infer, reproduce, serve, servo, train
 
     mains = {
         "train": train.main,
@@ -82,6 +82,7 @@ def command(
         "evaluate": evaluate.main,
         "reproduce": reproduce.main,
         "servo": servo.main,
+        "serve": serve.main,
     }
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, environment[name])

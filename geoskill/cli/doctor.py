@@ -16,7 +16,13 @@ from geoskill.errors import InputError
 
 NEEDED = ("torch", "lightning", "torch-geometric", "opencv-python-headless", "av", "mujoco", "hydra-core")
 # Modules of the extras, by the names of these.
-EXTRAS: Mapping[str, str] = {"datasets": "pyarrow", "ros2": "mcap_ros2", "learned": "kornia", "rerun": "rerun"}
+EXTRAS: Mapping[str, str] = {
+    "datasets": "pyarrow",
+    "ros2": "mcap_ros2",
+    "learned": "kornia",
+    "rerun": "rerun",
+    "live": "zmq",
+}
 DECODERS, ENCODERS = ("h264", "hevc", "vp9", "av1", "mpeg4", "mjpeg"), ("libx264",)
 FREE_GB = 2.0
 

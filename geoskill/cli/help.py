@@ -34,6 +34,11 @@ EXAMPLES: Mapping[str, Sequence[tuple[str, str]]] = {
         ("controller=broyden faults=all trials=50", "with every fault of a selection"),
         ("plant=scene skill=RUN task=insertion trials=20", "rendered pictures, and what a skill selects in them"),
     ),
+    "serve": (
+        ("skill=RUN video=0", "publish what is selected in the pictures of a camera"),
+        ("skill=RUN video=0 drive=true", "and how a robot has to move"),
+        ("skill=RUN drive=true", "reply to the pictures of a client"),
+    ),
     "reproduce": (
         ("artifact=table1", "the paper's table I, in simulation"),
         ("artifact=blocks artifact.data=DIR", "the results on real demonstrations"),

@@ -14,7 +14,7 @@ from geoskill.cli.end_of_task import EndOfTask
 from geoskill.cli.inputs import Infer
 from geoskill.cli.progress import show_progress
 from geoskill.features.feature_set import FeatureSet
-from geoskill.io.atomic import atomic_open
+from geoskill.io.atomic import atomic_open, line_open
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
 from geoskill.io.sources import is_live
@@ -49,7 +49,8 @@ def write_inference(
     """Select associations in every frame and write the results into ``folder``; return the contents of metrics.json.
 
     A camera's frames end with Ctrl-C. Where frames end otherwise, by Ctrl-C, a damaged source or any failure but one to
-    write, the results up to there are written first, unless ``folder`` holds earlier results, which stay.
+    write, the results up to there are written first, unless ``folder`` holds earlier results, which stay. Associations
+    of a camera are in their file once they are selected.
 
     Args:
         skill: has the members.
@@ -71,8 +72,10 @@ def write_inference(
     total = len(frames) if isinstance(frames, Sized) else None
     results = _Results(skill, source, total)
     failure: BaseException | None = None
+    path = folder / "associations.jsonl"
+    had_earlier = path.exists()
     with (
-        atomic_open(folder / "associations.jsonl") as lines,
+        line_open(path, as_they_come=is_live(source)) as lines,
         VideoWriter(folder / "overlay.mp4", source.frame_rate) as video,
         closing(extracted_ahead(skill, frames, threads, live=is_live(source))) as extracted,
         _rerun_log(rerun, folder, source.name) as log,
@@ -90,7 +93,7 @@ def write_inference(
                     log.add(frame, result)
         except (KeyboardInterrupt, Exception) as error:
             if not (isinstance(error, KeyboardInterrupt) and is_live(source)):
-                if isinstance(error, OSError) or results.frames == 0 or (folder / "associations.jsonl").exists():
+                if isinstance(error, OSError) or results.frames == 0 or had_earlier:
                     raise
                 failure = error
     summary = results.write(folder, metrics)

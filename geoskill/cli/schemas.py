@@ -310,12 +310,50 @@ class ServoCommandConfig(Config):
     debug: bool = _debug()
 
 
+@final
+@dataclass
+class ServeCommandConfig(Config):
+    """`serve.py`: tell other programs live what a skill selects, and how a robot has to move."""
+
+    skill: str | None = setting(None, "RUN/skill.ckpt, a run folder, or wandb:ENTITY/PROJECT/NAME:ALIAS.")
+    definition: str | None = _definition()
+    video: Any = setting(
+        None, "The number of a camera, a URL, or a recording that is played; null: pictures come with requests."
+    )
+    episode: int | None = _episode()
+    camera: str | None = _camera()
+    topic: str | None = _topic()
+    frame_rate: float | None = _frame_rate()
+    realtime: bool = setting(
+        True, "Play a recording as fast as it was recorded, leaving frames out; false: every frame, as fast as it goes."
+    )
+    bind: str = setting(
+        "tcp://127.0.0.1:5555", "Address of published messages; requests go to the next port. Only this computer's."
+    )
+    drive: bool = setting(False, "Close the loop: messages have the robot's next movement.")
+    dof: str = setting(
+        "descent",
+        "`descent`: x, y and yaw by the picture, and a guarded way down; `xyzy`, `xyzabc`: all by the pictures.",
+        choices=("descent", "xyzy", "xyzabc"),
+    )
+    cameras: int = setting(1, "Pictures in a request.", at_least=1, at_most=2)
+    servo: ServoConfig = field(default_factory=ServoConfig)
+    inference: SelectionConfig = field(default_factory=SelectionConfig)
+    threads: int | None = setting(
+        None, "Threads of PyTorch, and frames worked on at once; null: as many as PyTorch likes.", at_least=1
+    )
+    precision: str | None = _precision()
+    device: str = setting("cpu", "Device of the networks.")
+    debug: bool = _debug()
+
+
 COMMANDS: Mapping[str, type[Config]] = {
     "train": TrainCommandConfig,
     "infer": InferCommandConfig,
     "evaluate": EvaluateCommandConfig,
     "reproduce": ReproduceCommandConfig,
     "servo": ServoCommandConfig,
+    "serve": ServeCommandConfig,
 }
 
 RENAMED: Mapping[str, str] = {

@@ -23,6 +23,7 @@ FILES: Mapping[str, str] = {
     "servo.png": "error and distance over the frames of the trials",
     "failures": "pictures of the frames where it was wrong",
     "recording.rrd": "the same for rerun: `rerun recording.rrd`",
+    "servo.jsonl": "one line for each step of the loop: rows, Jacobians, twist",
     "error.mcap": "errors, Jacobians and associations for ROS 2",
     "visp_features.json": "features for ViSP",
     "mvtb.npz": "pairs of points for the Machine Vision Toolbox",

@@ -39,6 +39,29 @@ def atomic_open(path: Path, mode: Literal["w", "wb"] = "w", newline: str | None 
         yield file
 
 
+@contextmanager
+def line_open(path: Path, *, as_they_come: bool) -> Iterator[IO[str]]:
+    """Yield a file for lines of text (UTF-8), each of which others can read at once where that is asked for.
+
+    Else, or where there is an earlier file, it appears or is replaced when the block ends without an error. A file
+    without any line is not left.
+
+    Args:
+        path: of the file.
+        as_they_come: whether lines are there once they are written, also when the block ends with an error.
+    """
+    if not as_they_come or path.exists():
+        with atomic_open(path) as file:
+            yield file
+        return
+    try:
+        with path.open("w", encoding="utf-8", buffering=1) as file:
+            yield file
+    finally:
+        if path.stat().st_size == 0:
+            path.unlink()
+
+
 def remove_abandoned(folder: Path) -> None:
     """Remove what killed processes have left half written in a folder that only the present one writes into."""
     for path in folder.iterdir():

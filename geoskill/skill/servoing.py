@@ -1,6 +1,6 @@
 """A skill that closes the loop: pictures in, the actor's next movement out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, final
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from geoskill.control.action import Limits, action_space
+from geoskill.control.action import ActionSpace, Limits, action_space
 from geoskill.control.rows import Constraint
 from geoskill.control.sequence import Phase
 from geoskill.control.servo import initial_state, step
@@ -139,6 +139,7 @@ class Servo:
 
     Attributes:
         record: of the last step; None before the first.
+        results: what was selected in the pictures of the last step.
 
     Raises:
         InputError: when there is no such ``dof``, or no camera.
@@ -168,12 +169,19 @@ class Servo:
         self._filters = [TemporalFilter(skill, selection) for _ in range(cameras)]
         self._followers = [FeatureFollower() for _ in range(cameras)]
         self.record: Record | None = None
+        self.results: Sequence[InferenceResult] = ()
+
+    @property
+    def space(self) -> ActionSpace:
+        """What is commanded, with its limits."""
+        return self._setup.space
 
     def step(
         self,
         frame: Picture | Sequence[Picture],
         acted: Sequence[float] | np.ndarray | None = None,
         touched: bool = False,
+        features: Sequence[Mapping[str, FeatureSet]] | None = None,
     ) -> Decision:
         """Return what the actor is to do next.
 
@@ -182,6 +190,7 @@ class Servo:
             acted: displacement that was carried out since the last picture, in the order of the degrees of freedom:
                 meters, and radians about the grip; None where the robot does not tell, so that the command is believed.
             touched: whether the thing has come to rest on something.
+            features: of each picture (:meth:`Skill.extract`), where they have been extracted already.
 
         Raises:
             InputError: when there are not as many pictures as cameras, or one is no picture.
@@ -189,7 +198,10 @@ class Servo:
         frames = [frame] if isinstance(frame, np.ndarray) else list(frame)
         if len(frames) != len(self._filters):
             raise InputError(f"there are {len(frames)} pictures; expected {len(self._filters)}, one of each camera")
-        results = [own.infer(picture) for own, picture in zip(self._filters, frames, strict=True)]
+        given: Sequence[Mapping[str, FeatureSet] | None] = [None] * len(frames) if features is None else features
+        seen = zip(self._filters, frames, given, strict=True)
+        results = [own.infer(picture, extracted) for own, picture, extracted in seen]
+        self.results = results
         if self._state is None:
             sizes = tuple((picture.shape[1], picture.shape[0]) for picture in frames)
             self._setup = Setup(

@@ -38,6 +38,7 @@ def test_only_the_groups_of_the_command() -> None:
     assert chosen["infer"] == []
     assert chosen["evaluate"] == ["task", "scenario"]
     assert chosen["reproduce"] == ["artifact"]
+    assert chosen["serve"] == []
     assert chosen["servo"] == ["task", "scenario", "controller", "plant"]
     assert "  plant.pairs=8 " in text_of("servo")
     assert "task=video" not in text_of("evaluate")

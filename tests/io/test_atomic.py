@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from geoskill.io.atomic import atomic_open, atomic_path, is_temporary
+from geoskill.io.atomic import atomic_open, atomic_path, is_temporary, line_open
 
 
 def test_atomic_open_and_path_replace_an_older_file_when_complete(tmp_path: Path) -> None:
@@ -62,3 +62,24 @@ def test_atomic_path_differs_between_threads(tmp_path: Path) -> None:
         thread.join()
     assert len(set(names)) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_lines_are_there_as_they_come(tmp_path: Path) -> None:
+    path = tmp_path / "lines.jsonl"
+    with pytest.raises(RuntimeError), line_open(path, as_they_come=True) as file:
+        file.write("1\n")
+        assert path.read_text() == "1\n"
+        raise RuntimeError
+    assert path.read_text() == "1\n"
+    # Earlier lines are replaced only by a complete file.
+    with pytest.raises(RuntimeError), line_open(path, as_they_come=True) as file:
+        file.write("2\n")
+        raise RuntimeError
+    assert path.read_text() == "1\n"
+    with line_open(path, as_they_come=False) as file:
+        file.write("3\n")
+        assert path.read_text() == "1\n"
+    assert path.read_text() == "3\n"
+    with pytest.raises(RuntimeError), line_open(tmp_path / "empty", as_they_come=True):
+        raise RuntimeError
+    assert [own.name for own in tmp_path.iterdir()] == ["lines.jsonl"]
