@@ -24,8 +24,10 @@ from geoskill.tracking.color_bins import color_bins
 # Pictures are compared at this shorter side, and no more than so many of them, evenly spaced.
 WORKING_SIDE = 240
 MAX_PICTURES = 240
-# Pictures at either end whose median shows how things are before and after.
-END_PICTURES = 3
+# Pictures at either end whose median shows how things are before and after: this share of all, and no more than so many.
+# In a video of few pictures a second, the hand is still at the thing in the last but one.
+END_RATIO = 0.02
+MAX_END_PICTURES = 3
 # Pictures whose median is a typical one, about.
 TYPICAL_PICTURES = 40
 # Smallest differences in Lab that count, a few times what noise and compression leave after the blur: between the ends,
@@ -79,7 +81,8 @@ def pixel_steps(frames: Sequence[UInt8[np.ndarray, "height width 3"]]) -> PixelS
     count = len(frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MAX_PICTURES)).round().astype(np.int64))
     pictures, seen, camera = _steady_labs(frames, chosen)
-    before, after = (np.median(ends, axis=0) for ends in (pictures[:END_PICTURES], pictures[-END_PICTURES:]))
+    at_end = max(1, min(MAX_END_PICTURES, round(END_RATIO * len(chosen))))
+    before, after = (np.median(ends, axis=0) for ends in (pictures[:at_end], pictures[-at_end:]))
     difference = np.linalg.norm(after - before, axis=2)
     # Light that changes everywhere is no change of a place.
     changed = _opened(difference > max(MIN_CHANGE, 3.0 * float(np.median(difference)))) & seen
