@@ -21,6 +21,7 @@ PATH_KEYS = (
     "definition",
     "ckpt_path",
     "init_from",
+    "intrinsics",
     "cache.folder",
     "descriptor.aliked.weights",
     "descriptor.disk.weights",

@@ -37,6 +37,7 @@ def test_definition_shows_what_is_moved_and_what_rests(trained: Any) -> None:
             assert Path(node["picture"]).name == f"p2p_sift-{association['number']}-{node['role']}.png"
 
 
+@pytest.mark.slow
 def test_infer_obeys_a_pin(command: Command, trained: Any, demonstration_folder: Path, tmp_path: Path) -> None:
     pinned = edited(trained, tmp_path / "a definition, edited.yaml", "pin: null", "pin: 1")
     run = tmp_path / "run"
@@ -66,6 +67,7 @@ def test_bad_edit_is_refused_in_one_line(
     assert not (tmp_path / "run" / "metrics.json").exists()
 
 
+@pytest.mark.slow
 def test_evaluate_obeys_a_definition(
     command: Command, trained: Any, demonstration_frames: tuple[np.ndarray, ...], tmp_path: Path
 ) -> None:

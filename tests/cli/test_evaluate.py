@@ -29,6 +29,7 @@ def write_regions(path: Path, moving_is_object: bool) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_labels_of_labelme_give_the_same_metrics(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:
@@ -95,6 +96,7 @@ def test_metrics_and_frame_results(
     assert figures["top1_accuracy"] == pytest.approx(correct / feasible)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 3])
 def test_threads_and_pictures_of_failures(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path, threads: int
@@ -126,6 +128,7 @@ def test_threads_and_pictures_of_failures(
         assert list(csv.DictReader(file)) == tables[-1][1]
 
 
+@pytest.mark.slow
 def test_abstaining_always_selects_nothing(
     command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path
 ) -> None:
@@ -137,6 +140,7 @@ def test_abstaining_always_selects_nothing(
     assert (figures["frames_without_association"], figures["top1_accuracy"], figures["precision"]) == (FRAMES, 0, None)
 
 
+@pytest.mark.slow
 def test_every_seventh_frame(command: Command, skill: Path, demonstration_folder: Path, tmp_path: Path) -> None:
     regions = write_regions(tmp_path / "regions.json", False)
     arguments = [f"skill={skill}", f"video={demonstration_folder}", f"regions={regions}", "every=7"]

@@ -188,7 +188,7 @@ def test_every_key_that_takes_a_path_is_known() -> None:
     weights = {key for key in PATH_KEYS if key.startswith("descriptor.")}
     learned = {name for name in EXTRACTORS.built_in if "weights" in EXTRACTORS.parameters(name)}
     assert weights == {f"descriptor.{name}.weights" for name in learned}
-    assert told - {"artifact"} == set(PATH_KEYS) - hydras - weights - {"artifact.data"}
+    assert told - {"artifact", "export"} == set(PATH_KEYS) - hydras - weights - {"artifact.data"}
 
 
 def test_overrides_from_python() -> None:

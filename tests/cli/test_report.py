@@ -9,6 +9,7 @@ from tests.cli.test_evaluate import write_regions
 Command = Callable[..., Any]
 
 
+@pytest.mark.slow
 def test_infer_and_evaluate_write_a_page(
     command: Command, trained: Any, demonstration_folder: Path, tmp_path: Path
 ) -> None:
