@@ -24,8 +24,8 @@ from geoskill.tracking.color_bins import color_bins
 # Pictures are compared at this shorter side, and no more than so many of them, evenly spaced.
 WORKING_SIDE = 240
 MAX_PICTURES = 240
-# Pictures at either end whose median shows how things are before and after: this share of all, and no more than so many.
-# In a video of few pictures a second, the hand is still at the thing in the last but one.
+# Pictures at either end whose median shows how things are before and after: this share of all, and no more than so
+# many. In a video of few pictures a second, the hand is still at the thing in the last but one.
 END_RATIO = 0.02
 MAX_END_PICTURES = 3
 # Pictures whose median is a typical one, about.
