@@ -10,7 +10,7 @@ from jaxtyping import Int
 from geoskill.evaluation.labels import TOLERANCE_PX, FrameLabels, Labels
 from geoskill.geometry.poses import inverse, transform
 from geoskill.geometry.primitives import NodeType, centers
-from geoskill.simulation.goal_truth import ellipse_at_goal, plane_at_goal
+from geoskill.simulation.goal_truth import ellipse_at_goal, plane_at_goal, plane_role
 from geoskill.simulation.ground_truth import (
     FrameGroundTruth,
     SurfacePoint,
@@ -66,10 +66,13 @@ class SimulatedFrame(FrameLabels):
         tolerance_px: float = TOLERANCE_PX,
         among: Sequence[SceneRole] = tuple(SceneRole),
     ) -> SceneRole | None:
-        """See :meth:`FrameLabels.feature_label`; an ellipse is on what its visible outline is on."""
+        """See :meth:`FrameLabels.feature_label`; an ellipse is on what its outline is on, a plane on what it shows."""
         if node_type is NodeType.CONIC:
             found = self._ellipse_at_goal(tuple(coordinates))
             return found[0] if found is not None and found[0] in among else None
+        if node_type is NodeType.PLANE:
+            role = plane_role(self._ground_truth, np.array(coordinates, np.float64).reshape(4, 2))
+            return role if role in among else None
         x, y = centers(np.array([coordinates], np.float64))[0].tolist()
         return self.label((x, y), tolerance_px, among)
 

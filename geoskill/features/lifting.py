@@ -34,6 +34,10 @@ PLANE_SIDE: Final = 16
 """Of an outline, a grid of so many places along either side is looked at."""
 MIN_PLANE_SHARE: Final = 0.4
 """So many of them have to be on the plane."""
+PLANE_FITS: Final = 3
+"""Fits of a plane, each to what is near the one before."""
+INDEPENDENT_PX2: Final = 56.0
+"""Pixels for each independent depth: 4 pi s², with noise smoothed by a Gaussian whose width at half maximum is 5."""
 MIN_EXACT_M: Final = 1e-3
 """Points of an exact camera are this close to their plane."""
 # Pairs of samples at some distance: nearer ones hardly give a direction. The same ones for all lines and calls.
@@ -127,9 +131,13 @@ def lift_planes(
         plane = most_common_plane(points[known], tolerance[known])
         if plane is None:
             continue
-        near = np.abs(points[known] @ plane[:3] + plane[3]) <= tolerance[known]
-        if near.sum() >= MIN_PLANE_SHARE * len(points):
-            space[row], covariance[row] = fitted_plane(points[known][near], picture, 1.0)
+        pixels_each = _area(corners) / len(points)
+        for _ in range(PLANE_FITS):
+            near = np.abs(points[known] @ plane[:3] + plane[3]) <= tolerance[known]
+            if near.sum() < MIN_PLANE_SHARE * len(points):
+                break
+            plane, own = fitted_plane(points[known][near], picture, min(1.0, pixels_each / INDEPENDENT_PX2))
+            space[row], covariance[row] = plane, own
     return space, covariance
 
 
@@ -173,6 +181,12 @@ def fitted_plane(
     reduced = weighted @ basis
     covariance: np.ndarray = basis @ np.linalg.pinv(independent * reduced.T @ reduced) @ basis.T
     return np.append(normal, -normal @ middle), covariance
+
+
+def _area(corners: Float64[np.ndarray, "4 2"]) -> float:
+    """Return the area of an outline in square pixels."""
+    first, second = corners[2] - corners[0], corners[3] - corners[1]
+    return float(abs(first[0] * second[1] - first[1] * second[0])) / 2
 
 
 def _depth_at(picture: DepthPicture, columns: np.ndarray, rows: np.ndarray) -> Float64[np.ndarray, "..."]:

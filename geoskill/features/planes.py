@@ -1,8 +1,8 @@
 """Planes of a picture with depth: regions of pixels whose points lie in one plane.
 
 Found one after the other by RANSAC ("Random sample consensus", Fischler and Bolles, 1981) on every fourth pixel. Of the
-points on a plane the largest connected region counts, so that two surfaces in one plane, such as a box laid flush
-against a plate, are two features.
+points on a plane the largest connected region counts, so that two surfaces in one plane are two features; but where
+they touch, as a box that is laid flush against a plate, they are one.
 """
 
 from typing import ClassVar, Final, final
@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32, Float64, UInt8
 
 from geoskill.features.extractor import FeatureExtractor
 from geoskill.features.feature_set import FeatureSet
-from geoskill.features.lifting import INLIER_STD, MIN_EXACT_M, fitted_plane
+from geoskill.features.lifting import INDEPENDENT_PX2, INLIER_STD, MIN_EXACT_M, fitted_plane
 from geoskill.features.sift import Sift
 from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.primitives import NodeType
@@ -27,8 +27,10 @@ MAX_POINTS: Final = 300
 DRAWS: Final = 64
 REACH: Final = 12
 """The three points of a draw are at most so many looked-at pixels apart, along rows and columns."""
-SMOOTHED_PX: Final = 5
-"""Noise of depth is alike within so many pixels."""
+MIN_INNER: Final = 12
+"""A plane is fitted to the looked-at pixels within its rim where there are so many."""
+ROUNDS: Final = 4
+"""Fits of a plane, each to the region of the one before: the one that is drawn is tilted, and so cuts off a part."""
 
 
 @final
@@ -95,11 +97,11 @@ def find_planes(depth: DepthPicture, count: int = MAX_PLANES) -> list[Region]:
     while len(found) < count and misses < 2 and STRIDE**2 * free.sum() >= MIN_PIXELS:
         plane = _drawn(points, free, tolerance, random)
         region = None if plane is None else _region(points, free, tolerance, plane)
-        if region is None:
-            misses += 1
-            continue
-        plane, covariance = fitted_plane(points[region], depth, independent=(STRIDE / SMOOTHED_PX) ** 2)
-        region = _region(points, free, tolerance, plane)
+        for _ in range(ROUNDS):
+            if region is not None:
+                inner = points[_inner(region)]
+                plane, covariance = fitted_plane(inner, depth, independent=STRIDE**2 / INDEPENDENT_PX2)
+                region = _region(points, free, tolerance, plane)
         if region is None:
             misses += 1
             continue
@@ -153,6 +155,12 @@ def _region(
     largest = 1 + int(np.asarray(statistics)[1:, cv2.CC_STAT_AREA].argmax())
     region: np.ndarray = np.asarray(labels) == largest
     return region if STRIDE**2 * region.sum() >= MIN_PIXELS else None
+
+
+def _inner(region: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    """Return a region without its rim, where the side of a thing may be within the tolerance; all of a small one."""
+    inner: np.ndarray = cv2.erode(region.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return inner if inner.sum() >= MIN_INNER else region
 
 
 def _outline(mask: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "4 2"]:

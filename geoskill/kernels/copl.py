@@ -5,7 +5,7 @@ from itertools import combinations
 from typing import ClassVar, Final, final
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from geoskill.geometry.primitives import NodeType
@@ -14,7 +14,7 @@ from geoskill.kernels.enumeration import unordered_pairs
 from geoskill.kernels.kernel import Kernel
 
 NEAREST: Final = 12
-"""The second point of a side is one of so many that are nearest to the first."""
+"""The two points of a side are each among so many that are nearest to the other."""
 
 
 @final
@@ -23,7 +23,8 @@ class Coplanar(Kernel):
 
     An even permutation of the points keeps it, an odd one flips the sign. Four points of one thing say nothing, so two
     are taken of either side: for every two points that are not near each other, the one instance with a neighbor of
-    each that spans the widest. That makes no more of them than pairs of points, and not n to the power of four.
+    each that spans the widest. That makes no more of them than pairs of points, and not n to the power of four. Points
+    are neighbors when each is among the nearest of the other: of a thing with few features, the nearest are on others.
     """
 
     name: ClassVar[str] = "copl"
@@ -51,11 +52,12 @@ class Coplanar(Kernel):
         distance = torch.cdist(points, points)
         neighbors = distance.fill_diagonal_(torch.inf).topk(nearest, dim=1, largest=False).indices
         is_near = torch.zeros(count, count, dtype=torch.bool).scatter_(1, neighbors, True)
+        mutual = is_near & is_near.T
         first, second = unordered_pairs(count)
-        apart = ~(is_near[first, second] | is_near[second, first])
+        apart = ~(is_near | is_near.T)[first, second] & mutual.any(dim=1)[first] & mutual.any(dim=1)[second]
         first, second = first[apart], second[apart]
-        beside_first = _widest(points, first, second, neighbors)
-        beside_second = _widest(points, second, first, neighbors)
+        beside_first = _widest(points, first, second, neighbors, mutual)
+        beside_second = _widest(points, second, first, neighbors, mutual)
         index = torch.stack([first, beside_first, second, beside_second])
         # The same four points may be found from several of their pairs.
         index = index[:, beside_first != beside_second].sort(dim=0).values
@@ -68,12 +70,17 @@ class Coplanar(Kernel):
 
 
 def _widest(
-    points: Float[Tensor, "n 3"], own: Int64[Tensor, " m"], other: Int64[Tensor, " m"], neighbors: Int64[Tensor, "n c"]
+    points: Float[Tensor, "n 3"],
+    own: Int64[Tensor, " m"],
+    other: Int64[Tensor, " m"],
+    neighbors: Int64[Tensor, "n c"],
+    mutual: Bool[Tensor, "n n"],
 ) -> Int64[Tensor, " m"]:
-    """Return the neighbor of each of ``own`` that makes the largest triangle with it and the other point."""
+    """Return the mutual neighbor of each of ``own`` that makes the largest triangle with it and the other point."""
     candidates = neighbors[own]
     across = (points[other] - points[own])[:, None].expand(-1, candidates.shape[1], -1)
     along = points[candidates] - points[own][:, None]
     area = torch.linalg.cross(across, along, dim=2).square().sum(dim=2)
+    area = torch.where(mutual[own[:, None], candidates], area, -torch.ones_like(area))
     best: Tensor = candidates.gather(1, area.argmax(dim=1, keepdim=True)).squeeze(1)
     return best

@@ -30,6 +30,22 @@ Plane = Float64[np.ndarray, "4"]
 """``[n, d]`` with n·X + d = 0 and n of unit length, meters."""
 
 
+def plane_role(truth: FrameGroundTruth, outline: Float64[np.ndarray, "4 2"]) -> SceneRole | None:
+    """Return the role of the thing that most of a plane's outline shows.
+
+    None, too, for a plane that object and target share, each with a fourth of it at least: nothing is left to bring
+    together, and it is on neither more than on the other.
+
+    Args:
+        truth: of the frame in which it was measured.
+        outline: four corners, pixels.
+    """
+    counts = Counter(None if surface is None else surface.role for surface in _within(truth, outline))
+    fewer, more = sorted((counts[SceneRole.OBJECT], counts[SceneRole.TARGET]))
+    (role, most), *_ = counts.most_common(1)
+    return None if 3 * fewer >= more and fewer + more > most else role
+
+
 def plane_at_goal(
     truth: FrameGroundTruth, goal: Recording, plane: Plane, outline: Float64[np.ndarray, "4 2"]
 ) -> tuple[SceneRole, Plane] | None:
@@ -44,9 +60,7 @@ def plane_at_goal(
     Returns:
         None when hardly any of it is on the object or the target, or it is on a cloth.
     """
-    first, second = (values.ravel() for values in np.meshgrid(*[np.linspace(0.02, 0.98, GRID)] * 2))
-    weights = np.stack([(1 - first) * (1 - second), first * (1 - second), first * second, (1 - first) * second], axis=1)
-    surfaces = truth.at(np.round(weights @ outline).astype(np.int64))
+    surfaces = _within(truth, outline)
     to_camera = inverse(truth.recording.view(truth.frame).pose)
     near: list[SurfacePoint] = []
     for surface in surfaces:
@@ -111,6 +125,13 @@ def ellipse_at_goal(
     at_goal = goal_positions(goal, [SurfacePoint(surface.body, surface.role, position) for position in positions])
     assert surface.role is not None
     return surface.role, project(goal.view(len(goal) - 1), at_goal)[0]
+
+
+def _within(truth: FrameGroundTruth, outline: Float64[np.ndarray, "4 2"]) -> list[SurfacePoint | None]:
+    """Return what places all over an outline show."""
+    first, second = (values.ravel() for values in np.meshgrid(*[np.linspace(0.02, 0.98, GRID)] * 2))
+    weights = np.stack([(1 - first) * (1 - second), first * (1 - second), first * second, (1 - first) * second], axis=1)
+    return truth.at(np.round(weights @ outline).astype(np.int64))
 
 
 def _is_rigid(truth: FrameGroundTruth, surface: SurfacePoint) -> bool:

@@ -116,12 +116,12 @@ class GoalFinder:
         anchor = self._possible(kind, np.array([feature]))
         if len(anchor) == 0:
             return None
+        if kind not in (NodeType.POINT, NodeType.LINE):  # of a plane or an ellipse, the center is its anchor
+            anchor = Matches(NodeType.POINT, centers(anchor.source), centers(anchor.target), anchor.feature)
         for known in self._maps.values():  # nodes of one thing have one map
             if known is not None and residuals(known[None], anchor).min() <= TOLERANCE_PX:
                 return known
         around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
-        if kind not in (NodeType.POINT, NodeType.LINE):  # of a plane or an ellipse, the center is its anchor
-            anchor = Matches(NodeType.POINT, centers(anchor.source), centers(anchor.target), anchor.feature)
         if around not in self._matches:
             self._matches[around] = self._possible(around, np.arange(len(self._geometry[around])))
         others = self._matches[around]

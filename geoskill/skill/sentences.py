@@ -45,13 +45,20 @@ about the point.'
             f"Nothing was learned: in the demonstration, no selected features come together so that {kernel.meaning}."
         )
     parts = [f"{kernel.meaning[:1].upper()}{kernel.meaning[1:]}: {_nodes(kernel, roles)}"]
-    parts[0] += (
-        ", how near is not known" if tolerance is None else f", done within {tolerance:.3g} {kernel.unit}".rstrip()
-    )
+    parts[0] += ", how near is not known" if tolerance is None else f", done within {_measured(tolerance, kernel.unit)}"
     parts.append("not seen in this video" if confidence is None else f"{100 * confidence:.0f} % sure")
     if kernel.leaves_free:
         parts.append(f"left free: {kernel.leaves_free}")
     return f"{'; '.join(parts)}."
+
+
+def _measured(value: float, unit: str) -> str:
+    """Return a number with its unit; of meters, millimeters.
+
+    >>> _measured(0.00784, "m"), _measured(0.04, "")
+    ('7.84 mm', '0.04')
+    """
+    return f"{1000 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}".rstrip()
 
 
 def _nodes(kernel: Kernel, roles: Sequence[NodeRole | None]) -> str:

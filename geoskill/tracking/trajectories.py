@@ -22,6 +22,7 @@ import torch
 from jaxtyping import Bool, Float32, Int64
 
 from geoskill.features.feature_set import FeatureSet
+from geoskill.geometry.outlines import distance_to_outline
 from geoskill.geometry.primitives import NodeType, centers
 from geoskill.geometry.segments import distance_to_segment
 from geoskill.tracking.flow import Flow, track_dense
@@ -138,11 +139,16 @@ def _distances(
 ) -> Float32[np.ndarray, "r n"]:
     """Return distances between points, or from the midpoints of tracked segments to detected ones.
 
-    The ends of a segment vary from frame to frame, and so does its midpoint along the line.
+    The ends of a segment vary from frame to frame, and so does its midpoint along the line. So does the outline of a
+    plane, which ends where something covers it, or where another surface comes into the plane: each of two has to
+    reach the center of the other.
     """
     positions = centers(tracked)[:, None]
     if node_type is NodeType.LINE:
         return distance_to_segment(positions, detected[None])
+    if node_type is NodeType.PLANE:
+        own, other = (distance_to_outline(centers(one), two) for one, two in ((tracked, detected), (detected, tracked)))
+        return np.maximum(own, other.T)
     distances: np.ndarray = np.linalg.norm(positions - centers(detected)[None], axis=2)
     return distances
 

@@ -161,9 +161,13 @@ def lifted_nowhere(count: int) -> dict[str, np.ndarray]:
     return {"space": np.zeros((count, 3), np.float32), "space_covariance": np.zeros((count, 3, 3), np.float32)}
 
 
-def test_plane_is_labeled_by_its_center_and_an_ellipse_by_its_outline(labels: SimulatedFrame) -> None:
+def test_plane_is_labeled_by_what_it_shows_and_an_ellipse_by_its_outline(labels: SimulatedFrame) -> None:
     assert labels.feature_label(NodeType.PLANE, TOP) is SceneRole.OBJECT
     assert labels.feature_label(NodeType.PLANE, ON_TILE) is SceneRole.TARGET
+    assert labels.feature_label(NodeType.PLANE, TOP, among=(SceneRole.TARGET,)) is None
+    # One that box and tile share is on neither, and so is the table, wherever its center is.
+    assert labels.feature_label(NodeType.PLANE, (8.0, 12.0, 34.0, 12.0, 34.0, 18.0, 8.0, 18.0)) is None
+    assert labels.feature_label(NodeType.PLANE, (0.0, 0.0, 39.0, 0.0, 39.0, 29.0, 0.0, 29.0)) is None
     # Around the finger there is not enough of anything.
     assert labels.feature_label(NodeType.CONIC, (13.0, 10.0, 11.0, 10.0, 12.0, 11.0, 12.0, 9.0)) is None
 

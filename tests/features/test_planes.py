@@ -101,5 +101,25 @@ def test_noise_of_a_point_over_a_plane_is_no_more_than_that_of_the_design() -> N
     assert 0.6 < 1e3 * np.std(distances) < 1.2 * 1.6
 
 
+@pytest.mark.slow
+def test_covariance_of_a_small_plane_is_that_of_its_noise() -> None:
+    """Beside the box, where the plane is known by its tilt; both as it is found, and as fitted within an outline."""
+    place = np.array([0.10, 0.0, 0.0])
+    place[2] = -(TOP[:2] @ place[:2] + TOP[3]) / TOP[2]
+    outline = np.array([[250, 180, 399, 180, 399, 299, 250, 299]], np.float32)
+    distances, stds = [], []
+    for seed in range(40):
+        picture = noisy(scene(), seed)
+        _, (_, plane, covariance) = find_planes(picture)
+        (lifted,), (lifted_covariance,) = lift_planes(outline, picture)
+        for own, own_covariance in ((plane, covariance), (lifted, lifted_covariance)):
+            distances.append(own[:3] @ place + own[3])
+            stds.append(np.sqrt(np.append(place, 1) @ own_covariance @ np.append(place, 1)))
+    for start in range(2):
+        found, told = np.array(distances[start::2]), np.array(stds[start::2])
+        assert 0.7 < found.std() / told.mean() < 1.4
+        assert 1e3 * found.std() < 1.5
+
+
 def test_planes_keep_the_contract_of_extractors() -> None:
     check_extractor(Planes)

@@ -50,6 +50,14 @@ def test_proposals_join_two_points_of_either_side() -> None:
     assert sum(frozenset((one, other)) in joined for one in range(30) for other in range(30, 60)) > 0.99 * 900
 
 
+def test_a_thing_of_few_points_is_a_side_of_its_own() -> None:
+    few = torch.tensor([[0.3, 0.9, 0.0], [0.35, 0.92, 0.02]])
+    index = Coplanar().proposals({POINT: torch.cat([sides(60), few])})
+    of_the_few = (index >= 60).sum(dim=0)
+    # Their other nearest points are on the boxes, and have nearer ones.
+    assert set(of_the_few.tolist()) == {0, 2}
+
+
 def test_proposals_do_not_depend_on_the_order_of_points() -> None:
     points = sides(20)
     order = torch.randperm(20, generator=torch.Generator().manual_seed(1))
