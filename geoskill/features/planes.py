@@ -95,18 +95,13 @@ def find_planes(depth: DepthPicture, count: int = MAX_PLANES) -> list[Region]:
     found: list[Region] = []
     misses = 0
     while len(found) < count and misses < 2 and STRIDE**2 * free.sum() >= MIN_PIXELS:
-        plane = _drawn(points, free, tolerance, random)
-        region = None if plane is None else _region(points, free, tolerance, plane)
-        for _ in range(ROUNDS):
-            if region is not None:
-                inner = points[_inner(region)]
-                plane, covariance = fitted_plane(inner, depth, independent=STRIDE**2 / INDEPENDENT_PX2)
-                region = _region(points, free, tolerance, plane)
-        if region is None:
+        drawn = _drawn(points, free, tolerance, random)
+        own = None if drawn is None else _grown(points, free, tolerance, drawn, depth)
+        if own is None:
             misses += 1
             continue
-        found.append((region, plane, covariance))
-        free &= ~region
+        found.append(own)
+        free &= ~own[0]
     return sorted(found, key=lambda own: -int(own[0].sum()))
 
 
@@ -138,6 +133,25 @@ def _drawn(
     support = (np.abs(known @ normals.T + offsets) <= limits[:, None]).sum(axis=0)
     best = int(support.argmax())
     return np.append(normals[best], offsets[best])
+
+
+def _grown(
+    points: Float64[np.ndarray, "rows columns 3"],
+    free: Bool[np.ndarray, "rows columns"],
+    tolerance: Float64[np.ndarray, "rows columns"],
+    drawn: Float64[np.ndarray, "4"],
+    depth: DepthPicture,
+) -> Region | None:
+    """Return the region of a drawn plane, fitted to its points again and again, or None when it is too small."""
+    plane, covariance = drawn, np.zeros((4, 4))
+    region = _region(points, free, tolerance, plane)
+    for _ in range(ROUNDS):
+        if region is None:
+            return None
+        inner = points[_inner(region)]
+        plane, covariance = fitted_plane(inner, depth, independent=STRIDE**2 / INDEPENDENT_PX2)
+        region = _region(points, free, tolerance, plane)
+    return None if region is None else (region, plane, covariance)
 
 
 def _region(

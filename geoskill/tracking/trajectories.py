@@ -148,7 +148,7 @@ def _distances(
         return distance_to_segment(positions, detected[None])
     if node_type is NodeType.PLANE:
         own, other = (distance_to_outline(centers(one), two) for one, two in ((tracked, detected), (detected, tracked)))
-        return np.maximum(own, other.T)
+        return np.asarray(np.maximum(own, other.T))
     distances: np.ndarray = np.linalg.norm(positions - centers(detected)[None], axis=2)
     return distances
 
