@@ -23,8 +23,9 @@ class Coplanar(Kernel):
 
     An even permutation of the points keeps it, an odd one flips the sign. Four points of one thing say nothing, so two
     are taken of either side: for every two points that are not near each other, the one instance with a neighbor of
-    each that spans the widest. That makes no more of them than pairs of points, and not n to the power of four. Points
-    are neighbors when each is among the nearest of the other: of a thing with few features, the nearest are on others.
+    each whose two segments span the most, for two parallel ones are in one plane wherever the things are. That makes no
+    more of them than pairs of points, and not n to the power of four. Points are neighbors when each is among the
+    nearest of the other: of a thing with few features, the nearest are on others.
     """
 
     name: ClassVar[str] = "copl"
@@ -56,8 +57,7 @@ class Coplanar(Kernel):
         first, second = unordered_pairs(count)
         apart = ~(is_near | is_near.T)[first, second] & mutual.any(dim=1)[first] & mutual.any(dim=1)[second]
         first, second = first[apart], second[apart]
-        beside_first = _widest(points, first, second, neighbors, mutual)
-        beside_second = _widest(points, second, first, neighbors, mutual)
+        beside_first, beside_second = _crossing(points, first, second, neighbors, mutual)
         index = torch.stack([first, beside_first, second, beside_second])
         # The same four points may be found from several of their pairs.
         index = index[:, beside_first != beside_second].sort(dim=0).values
@@ -69,18 +69,23 @@ class Coplanar(Kernel):
         return coplanarity(torch.stack(list(nodes)))
 
 
-def _widest(
+def _crossing(
     points: Float[Tensor, "n 3"],
-    own: Int64[Tensor, " m"],
-    other: Int64[Tensor, " m"],
+    first: Int64[Tensor, " m"],
+    second: Int64[Tensor, " m"],
     neighbors: Int64[Tensor, "n c"],
     mutual: Bool[Tensor, "n n"],
-) -> Int64[Tensor, " m"]:
-    """Return the mutual neighbor of each of ``own`` that makes the largest triangle with it and the other point."""
-    candidates = neighbors[own]
-    across = (points[other] - points[own])[:, None].expand(-1, candidates.shape[1], -1)
-    along = points[candidates] - points[own][:, None]
-    area = torch.linalg.cross(across, along, dim=2).square().sum(dim=2)
-    area = torch.where(mutual[own[:, None], candidates], area, -torch.ones_like(area))
-    best: Tensor = candidates.gather(1, area.argmax(dim=1, keepdim=True)).squeeze(1)
-    return best
+) -> tuple[Int64[Tensor, " m"], Int64[Tensor, " m"]]:
+    """Return the mutual neighbors of either point whose segments have the largest cross product.
+
+    The determinant of the error changes by so much when the two sides move against each other.
+    """
+    arms = points[neighbors] - points[:, None]
+    arms = torch.where(mutual.gather(1, neighbors)[..., None], arms, torch.zeros_like(arms))
+    squares = arms.square().sum(dim=2)
+    crossed = squares[first][:, :, None] * squares[second][:, None] - (arms[first] @ arms[second].mT).square()
+    best = crossed.flatten(1).argmax(dim=1)
+    rows = best.div(neighbors.shape[1], rounding_mode="floor"), best % neighbors.shape[1]
+    beside_first: Tensor = neighbors[first, rows[0]]
+    beside_second: Tensor = neighbors[second, rows[1]]
+    return beside_first, beside_second
