@@ -66,7 +66,11 @@ def serve(config: ServeCommandConfig, run: Run) -> None:
                 requests = f"requests at tcp://{host}:{port + 1}"
                 LINES.stage = "serving"
                 LINES.say(f"serving: messages at {config.bind}, {requests}; Ctrl-C ends it")
-                ended = _run(config, skill, session, server, source, threads)
+                try:
+                    ended = _run(config, skill, session, server, source, threads)
+                except Exception as error:
+                    server.publish({"end": " ".join(str(error).split())})
+                    raise
                 server.publish({"end": ended})
     latency = session.latency_s
     timed = "" if latency is None else f", {1000 * latency:.0f} ms after each was taken"

@@ -31,14 +31,16 @@ def main() -> None:
 
 
 def servo(config: ServoCommandConfig, run: Run) -> None:
-    """Write ``trials.csv``, ``frames.csv``, ``metrics.json`` and ``servo.png``; trials that are there are kept.
+    """Write ``trials.csv``, ``frames.csv``, ``servo.jsonl``, ``metrics.json``, ``servo.png``; trials there are kept.
 
     Raises:
         InputError: for settings that do not go together, or a folder that was begun with others.
     """
+    from geoskill.cli.servo_log import ServoLog
     from geoskill.cli.summary import print_summary, script
     from geoskill.control.trial import run_trial
     from geoskill.evaluation.servo import SUCCESS_DEG, SUCCESS_MM, summarize_trials
+    from geoskill.exports.record import step_record
     from geoskill.io.atomic import atomic_open
     from geoskill.viz.servo import plot_trials
 
@@ -46,17 +48,26 @@ def servo(config: ServoCommandConfig, run: Run) -> None:
     _claim(config, run.folder)
     setup = _setup(config)
     results, curves = _read(run.folder)
+    log = ServoLog(run.folder, len(results))
     with _plants(config, run) as plant_of:
         for trial in range(len(results), config.trials):
             rows: list[dict[str, Any]] = []
+            steps: list[dict[str, Any]] = []
 
-            def watch(record: "Record", placement: "Placement", rows: list[dict[str, Any]] = rows) -> None:
+            def watch(
+                record: "Record",
+                placement: "Placement",
+                rows: list[dict[str, Any]] = rows,
+                steps: list[dict[str, Any]] = steps,
+            ) -> None:
+                steps.append(step_record(record, setup.space, config.servo.rate_hz))
                 rms = float("nan") if record.rms is None else record.rms
                 rows.append({"rms_px": rms, "mm": placement.mm, "deg": placement.deg})
 
             with plant_of(trial) as plant:
                 explores = config.controller.name in ("field", "broyden")
                 results.append(run_trial(setup, plant, explores=explores, watch=watch))
+            log.add(trial, steps)
             curves[trial] = {key: [row[key] for row in rows] for key in rows[0]}
             _write(run.folder, results, curves)
             last = results[-1]
