@@ -1,6 +1,7 @@
 """``python serve.py`` and the examples that come with it, each in a process of its own."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -127,6 +128,26 @@ def test_ctrl_c_ends_it_and_keeps_what_was_written(
     assert (process.returncode, error) == (0, "")
     assert "stopped by Ctrl-C" in out
     assert lines_of(tmp_path / "associations.jsonl")
+
+
+@pytest.mark.slow
+def test_damaged_recording_tells_clients_why_nothing_more_comes(
+    environment: dict[str, str], skill: Path, demonstration_folder: Path, tmp_path: Path
+) -> None:
+    folder, run = tmp_path / "frames", tmp_path / "run"
+    shutil.copytree(demonstration_folder, folder)
+    (folder / "019.png").write_bytes(b"no picture")
+    with served(environment, f"skill={skill}", f"video={folder}", f"hydra.run.dir={run}", "frame_rate=5") as (
+        process,
+        port,
+    ):
+        with connected(zmq.SUB, port - 1, SUBSCRIBE=b"geoskill") as messages:
+            while "end" not in (message := json.loads(messages.recv().partition(b" ")[2])):
+                assert message["state"] == "observe"
+        _, error = process.communicate(timeout=30)
+    assert message["end"].startswith(f"{folder}/019.png: not a readable image")
+    assert (process.returncode, error) == (2, f"error: {message['end']}\n")
+    assert lines_of(run / "associations.jsonl")
 
 
 @pytest.mark.slow
