@@ -37,7 +37,9 @@ SCHEMAS = {**schemas.COMMANDS, "pipeline": PipelineConfig, "benchmark": Benchmar
 for _command, _schema in SCHEMAS.items():
     register_schemas(_command, _schema)
 
-CALLBACKS = ("_target_: geoskill.cli.sweep.SweepSummary", "_target_: geoskill.cli.folder_lock.FolderLock")
+CALLBACKS = tuple(
+    f"_target_: geoskill.cli.{own}" for own in ("sweep.SweepSummary", "folder_lock.FolderLock", "videos.VideosSummary")
+)
 CONF = Path(configuration_folder())
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
 REGISTERED = {group: names for group, names in ConfigStore.instance().repo.items() if isinstance(names, dict)}

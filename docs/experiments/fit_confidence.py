@@ -15,7 +15,8 @@ For every SEED and SCENARIO, the study runs two commands; the script reads the `
 ``inference.temporal=none`` selects in each frame by itself; ``inference.abstain=0`` keeps the associations of low
 confidence, without which the fit would be biased.
 
-The confidences of the runs were computed with the present constants. Inverting these gives the margin x relative to the
+The confidences of the runs were computed with the present constants; the factor for pictures of nothing is not taken
+out, and is near 1 where the first is not small. Inverting these gives the margin x relative to the
 demonstration's, and a logistic regression without regularization (Platt 1999) of whether the best association is right
 gives the new constants. A frame in which the right association cannot be seen counts as wrong. After the constants have
 been changed, the study has to be evaluated again before the next fit.

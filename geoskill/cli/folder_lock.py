@@ -30,7 +30,7 @@ class FolderLock(Callback):
 
 
 def _hold(path: str) -> None:
-    if os.environ.get("LOCAL_RANK", "0") != "0":
+    if any(os.environ.get(name, "0") != "0" for name in ("LOCAL_RANK", "SLURM_PROCID")):
         return
     folder = Path(path).absolute()
     try:

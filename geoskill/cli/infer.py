@@ -1,11 +1,15 @@
 """``python infer.py``: select associations on every frame of a video, a folder or a camera."""
 
+import sys
+
 from geoskill.cli.command import Run, run_command
 from geoskill.cli.schemas import InferCommandConfig
+from geoskill.cli.videos import with_each_video
 
 
 def main() -> None:
     """Run ``infer.py`` or ``geoskill-infer``."""
+    sys.argv[1:] = with_each_video(sys.argv[1:])
     run_command("infer", InferCommandConfig, infer)
 
 

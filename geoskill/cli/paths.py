@@ -64,6 +64,16 @@ def with_literal_paths(arguments: Iterable[str], *, multirun: bool = False) -> l
     return literal
 
 
+def listed_paths(value: str) -> list[str]:
+    """Return the paths of a list, as written on the command line; none of anything else, or of a path that exists.
+
+    >>> listed_paths("[a.mp4,'b,c.mp4']"), listed_paths("a.mp4")
+    (['a.mp4', "'b,c.mp4'"], [])
+    """
+    is_list = value.startswith("[") and value.endswith("]") and not _exists(value)
+    return [piece for piece in _pieces(value[1:-1]) if piece] if is_list else []
+
+
 def _literal(value: str, multirun: bool) -> str:
     if value in ("", "null"):
         return value

@@ -6,7 +6,7 @@ import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hydra._internal.callbacks import Callbacks
 from hydra.core.global_hydra import GlobalHydra
@@ -20,9 +20,7 @@ from geoskill.cli.compose import typed
 from geoskill.cli.schemas import ReproduceCommandConfig
 from geoskill.cli.study import Job, Study
 from geoskill.cli.sweep import exit_on_failure, write_summary
-
-if TYPE_CHECKING:
-    from geoskill.evaluation.tables import Scores
+from geoskill.io.atomic import write_text
 
 log = logging.getLogger(__name__)
 
@@ -37,25 +35,20 @@ def main() -> None:
 def reproduce(config: ReproduceCommandConfig, run: Run) -> None:
     """Train and score what is not complete yet, then write the tables and pictures of what is.
 
-    Jobs go to the launcher of ``hydra/launcher``. One that fails does not stop the others. When all have ended, the
-    first failure is reported, and the exit status is that of this failure.
+    Jobs go to the launcher of ``hydra/launcher``. One that fails does not stop the others; each that ends writes the
+    tables of those that are complete by then. When all have ended, the first failure is reported, and the exit status
+    is that of this failure.
 
     Raises:
         InputError: when the study or its data have something wrong, or the folder holds results of other settings.
     """
     from geoskill.cli.report import report_study
-    from geoskill.evaluation.tables import TRAINING_METRICS
 
     study, folder, jobs = _open(config, run)
     launch([number for number, job in enumerate(jobs) if not job.is_complete()], config.jobs)
-    scores: dict[str, list[dict[str, Any]]] = {}
-    curves: dict[str, list[Path]] = {}
-    for job in jobs:
-        if not (job.training.folder / FAILED_RUN).exists():
-            scores.setdefault(job.variant, []).append(job.scores(TRAINING_METRICS))
-            curves.setdefault(job.variant, []).append(job.training.folder / "metrics.csv")
-    if scores:
-        write_tables(folder, study, scores, curves)
+    complete = [job for job in jobs if _has_results(job)]
+    if complete:
+        write_tables(folder, study, complete)
         if config.report:
             report_study(run, folder)
         print((folder / "table.md").read_text(encoding="utf-8"))
@@ -83,29 +76,41 @@ def launch(numbers: Sequence[int], at_once: int) -> None:
 
 
 def perform_job(cfg: DictConfig) -> None:
-    """Perform the job of number ``job``; a failure is logged and left in its folder."""
+    """Perform the job of number ``job``, and gather what is complete; a failure is logged and left in its folder."""
     config = typed(cfg, ReproduceCommandConfig)
     assert config.job is not None
-    job = _open(config, current_run())[2][config.job]
+    study, folder, jobs = _open(config, current_run())
+    job = jobs[config.job]
     failure = job.training.folder / FAILED_RUN
     failure.parent.mkdir(parents=True, exist_ok=True)
     record_failure(job.perform, "reproduce", failure)
     if failure.exists():
         log.error("%s: failed with status %s", job.name, failure.read_text(encoding="utf-8").strip())
+    complete = [own for own in jobs if _has_results(own)]
+    if 0 < len(complete) < len(jobs):  # the last one leaves it to whoever waits for all of them
+        write_tables(folder, study, complete)
 
 
-def write_tables(folder: Path, study: Study, scores: Scores, curves: dict[str, list[Path]]) -> None:
-    """Write the tables and pictures of the complete trainings into the folder of the study.
+def _has_results(job: Job) -> bool:
+    return not (job.training.folder / FAILED_RUN).exists() and job.is_complete()
+
+
+def write_tables(folder: Path, study: Study, jobs: Sequence[Job]) -> None:
+    """Write the tables and pictures of complete jobs into the folder of the study.
 
     Args:
         folder: an existing one.
         study: has the test sets and published values.
-        scores: see :data:`geoskill.evaluation.tables.Scores`.
-        curves: the ``metrics.csv`` of every training by variant.
+        jobs: at least one.
     """
     from geoskill.evaluation import tables
     from geoskill.viz.bars import plot_bars, plot_reliability, plot_trainings
 
+    scores: dict[str, list[dict[str, Any]]] = {}
+    curves: dict[str, list[Path]] = {}
+    for job in jobs:
+        scores.setdefault(job.variant, []).append(job.scores(tables.TRAINING_METRICS))
+        curves.setdefault(job.variant, []).append(job.training.folder / "metrics.csv")
     trainings = tables.training_frame(scores)
     write_summary(trainings, ["variant"], folder)
     test_sets, published, frame = list(study.test_sets), dict(study.published), trainings
@@ -118,9 +123,10 @@ def write_tables(folder: Path, study: Study, scores: Scores, curves: dict[str, l
         plot_bars(test_sets, tables.accuracies(frame, test_sets), published, folder / "accuracy.png")
         bins = {str(variant): tables.reliability_of(rows) for variant, rows in frame.groupby("variant", sort=False)}
         plot_reliability(bins, folder / "reliability.png")
-    (folder / "table.md").write_text(markdown, encoding="utf-8")
-    (folder / "table.csv").write_text(tables.csv_table(frame), encoding="utf-8")
-    (folder / "table.json").write_text(json.dumps({"scores": scores, "published": published}, indent=2), "utf-8")
+    contents = {"scores": scores, "published": published}
+    write_text(folder / "table.md", markdown)
+    write_text(folder / "table.csv", tables.csv_table(frame))
+    write_text(folder / "table.json", json.dumps(contents, indent=2))
     plot_trainings(curves, folder / "training.png")
 
 

@@ -149,7 +149,10 @@ class TrainCommandConfig(Learning):
     scenario: ScenarioConfig = field(default_factory=ScenarioConfig)
     logger: Any = setting(dict, "Loggers beside metrics.csv: `wandb` or `none`.")
     cache: CacheConfig = field(default_factory=CacheConfig)
-    ckpt_path: str | None = setting(None, "Checkpoint, or folder, of an interrupted run to go on with.")
+    ckpt_path: str | None = setting(
+        None,
+        "Checkpoint, or folder, of an interrupted run to go on with; `auto`: the one in this run's own folder, if any.",
+    )
     init_from: str | None = setting(None, "Skill whose weights to start from, on another demonstration.")
     report: bool = _report()
     rerun: Any = setting(False, RERUN)
@@ -169,7 +172,8 @@ class InferCommandConfig(Config):
     definition: str | None = _definition()
     video: Any = setting(
         None,
-        "A video file, a folder of images, a LeRobot data set, a bag of ROS 2, the number of a camera, or a URL.",
+        "A video file, a folder of images, a LeRobot data set, a bag of ROS 2, the number of a camera, or a URL; or"
+        " several, [a.mp4,b.mp4], or a folder of videos: a run for each, and one table.",
     )
     episode: int | None = _episode()
     camera: str | None = _camera()

@@ -8,6 +8,7 @@ job can be stopped anywhere and started again.
 import json
 import logging
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -78,6 +79,7 @@ class Step:
 
         Raises:
             InputError: when it ends with exit status 2.
+            KeyboardInterrupt: when it was interrupted; the step goes on when it is performed again.
             RuntimeError: when it fails otherwise.
         """
         checkpoint = self.folder / CHECKPOINT
@@ -86,6 +88,7 @@ class Step:
                 return self._call(f"ckpt_path={checkpoint}")
             except InputError as error:  # such as one of another version
                 log.warning("%s; training from the beginning", error)
+                checkpoint.unlink()
         return self._call()
 
     def _call(self, *further: str) -> None:
@@ -96,6 +99,8 @@ class Step:
             message = (ended.stderr.strip().splitlines() or ["no message"])[-1].removeprefix("error: ")
             if ended.returncode == 2:
                 raise InputError(message)
+            if ended.returncode in (130, -signal.SIGTERM):  # also of a cluster that wants its node back: no failure
+                raise KeyboardInterrupt(f"{module}: {message}")
             raise RuntimeError(f"{module} {' '.join(arguments)} ended with status {ended.returncode}: {message}")
 
 

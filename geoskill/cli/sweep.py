@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import yaml
+from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from geoskill.cli.command import FAILED_RUN
 from geoskill.cli.study import read_metrics
+from geoskill.io.atomic import write_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,7 +26,18 @@ KINDS = ("kernel", "descriptor", "model", "task", "task.path")
 
 @final
 class SweepSummary(Callback):
-    """Callback that writes ``summary.md``, ``.csv``, ``.json`` and ``.png`` into the sweep's folder."""
+    """Callback that writes ``summary.md``, ``.csv``, ``.json`` and ``.png`` into the sweep's folder.
+
+    It does so whenever a run ends, wherever that is, for the runs that are complete by then.
+    """
+
+    def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
+        """Summarize the runs of a sweep that are complete, this one among them."""
+        if config.hydra.mode == RunMode.MULTIRUN:
+            folder = Path(config.hydra.sweep.dir)
+            runs, swept = read_runs(folder)
+            if len(runs):
+                write_summary(runs, swept, folder)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Summarize the runs that are complete, then exit with the status of the first one that failed, if any."""
@@ -79,9 +93,9 @@ def write_summary(runs: pd.DataFrame, by: Sequence[str], folder: Path) -> None:
 
     summary = summarize(runs, by)
     rows = summary.astype(object).where(summary.notna(), None).to_dict("records")
-    (folder / "summary.json").write_text(json.dumps(rows, indent=2), encoding="utf-8")
-    summary.to_csv(folder / "summary.csv", index=False)
-    (folder / "summary.md").write_text(summary_table(summary), encoding="utf-8")
+    write_text(folder / "summary.json", json.dumps(rows, indent=2))
+    write_text(folder / "summary.csv", summary.to_csv(index=False))
+    write_text(folder / "summary.md", summary_table(summary))
     metrics = [name for name in TRAINING_METRICS if name in summary and name != "steps"]
     # Of another kernel, descriptor or objective, the objective is another quantity.
     if any(key in KINDS or key.startswith("objective.") for key in by):
@@ -102,6 +116,11 @@ def exit_on_failure(runs: Iterable[tuple[str, Path]]) -> None:
         status, _, message = path.read_text(encoding="utf-8").strip().partition(" ")
         print(f"error: {len(failures)} run(s) failed, first {name}: {message}", file=sys.stderr)
         sys.exit(int(status))
+
+
+def job_folders(folder: Path) -> list[Path]:
+    """Return the folders of all jobs of a sweep that have begun, in the order of the jobs."""
+    return [path.parent for path in _in_job_order(folder, ".hydra")]
 
 
 def _in_job_order(folder: Path, name: str) -> list[Path]:

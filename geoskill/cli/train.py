@@ -65,13 +65,14 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         return FramesInMemory(sequence.frames, sequence.source.frame_rate, sequence.source.name)
 
     loggers = _loggers(config, run)
+    resume, init_from = _beginning(config, run.folder / CHECKPOINT)
     try:
         learned = learn(
             config.learning(),
             map(as_source, labeled_demonstrations(config, store)),
             checkpoint=run.folder / CHECKPOINT,
-            resume=config.ckpt_path,
-            init_from=config.init_from,
+            resume=resume,
+            init_from=init_from,
             curves=run.folder / "metrics.csv",
             logger=loggers,
             cache=None if store is None else FeatureCache(store),
@@ -89,6 +90,18 @@ def train(config: TrainCommandConfig, run: Run) -> None:
         if config.report:
             report_training(run, learned.skill, config.task.name if simulated else None)
         _print_summary(config, run, learned, summary)
+
+
+def _beginning(config: TrainCommandConfig, own: Path) -> "tuple[str | None, str | None]":
+    """Return the checkpoint to go on with, and the skill whose weights to start from.
+
+    With ``ckpt_path=auto``, and in a job that Slurm has started again, the run's own checkpoint comes before whatever
+    the run once began with.
+    """
+    has_restarted = os.environ.get("SLURM_RESTART_COUNT", "0") != "0"
+    if (config.ckpt_path == "auto" or has_restarted) and own.is_file():
+        return str(own), None
+    return None if config.ckpt_path == "auto" else config.ckpt_path, config.init_from
 
 
 def _statements(learned: "LearnedSkill") -> list[str]:

@@ -62,6 +62,12 @@ def line_open(path: Path, *, as_they_come: bool) -> Iterator[IO[str]]:
             path.unlink()
 
 
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by one with this text (UTF-8)."""
+    with atomic_open(path) as file:
+        file.write(text)
+
+
 def remove_abandoned(folder: Path) -> None:
     """Remove what killed processes have left half written in a folder that only the present one writes into."""
     for path in folder.iterdir():

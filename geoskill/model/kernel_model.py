@@ -42,10 +42,11 @@ class KernelModel(nn.Module):
             the motif tells all nodes apart.
         reference_margin: the median margin of the best score in the frames of the demonstration; 0 before training
             (:mod:`geoskill.model.confidence`).
+        level_values: ``[1]``, that of :attr:`reference_level`; empty before training.
         reference_axis: ``[2]``, the direction by which segments are directed (:func:`directed_nodes`), of unit length;
             to the right before training.
         evidence_values: ``[3]``, those of :attr:`evidence`; empty before training.
-        settling_values: ``[3]``, those of :attr:`settling`; empty before training, and where it is not known. All seven
+        settling_values: ``[3]``, those of :attr:`settling`; empty before training, and where it is not known. All eight
             are buffers, so that a checkpoint holds them.
         goal: what is known of the end of the demonstration.
 
@@ -57,6 +58,7 @@ class KernelModel(nn.Module):
     beta: Tensor
     node_order: Tensor
     reference_margin: Tensor
+    level_values: Tensor
     reference_axis: Tensor
     evidence_values: Tensor
     settling_values: Tensor
@@ -72,6 +74,7 @@ class KernelModel(nn.Module):
         self.register_buffer("beta", torch.zeros(0))
         self.register_buffer("node_order", torch.zeros(0))
         self.register_buffer("reference_margin", torch.zeros(()))
+        self.register_buffer("level_values", torch.zeros(0))
         self.register_buffer("reference_axis", torch.tensor([1.0, 0.0]))
         self.register_buffer("evidence_values", torch.zeros(0))
         self.register_buffer("settling_values", torch.zeros(0))
@@ -91,9 +94,17 @@ class KernelModel(nn.Module):
         """Set the regression vector of :meth:`moving_node_first`."""
         self.node_order = node_order.to(self.node_order)
 
-    def set_reference_margin(self, reference_margin: Float[Tensor, ""]) -> None:
-        """Set the margin to which confidences are relative."""
+    def set_reference_margin(
+        self, reference_margin: Float[Tensor, ""], reference_level: Float[Tensor, ""] | None = None
+    ) -> None:
+        """Set the margin to which confidences are relative, and the level above which scores must be."""
         self.reference_margin = reference_margin.to(self.reference_margin)
+        self.level_values = self.level_values.new_tensor([] if reference_level is None else [float(reference_level)])
+
+    @property
+    def reference_level(self) -> Float[Tensor, ""] | None:
+        """The median over the demonstration's frames of the mean score; None before training."""
+        return self.level_values[0] if len(self.level_values) else None
 
     def set_reference_axis(self, reference_axis: Float[Tensor, "2"]) -> None:
         """Set the direction by which segments are directed."""
@@ -147,7 +158,8 @@ class KernelModel(nn.Module):
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: object) -> None:
         # The lengths of these buffers depend on the demonstration and its descriptors, so the stored shape rules.
-        for name in ("spans", "beta", "node_order", "evidence_values", "settling_values"):
+        state_dict.setdefault(f"{prefix}level_values", self.level_values.new_empty(0))  # added within format 5
+        for name in ("spans", "beta", "node_order", "level_values", "evidence_values", "settling_values"):
             if prefix + name in state_dict:
                 buffer = getattr(self, name)
                 setattr(self, name, buffer.new_empty(state_dict[prefix + name].shape))

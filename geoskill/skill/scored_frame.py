@@ -137,7 +137,7 @@ class ScoredInstances:
             places, covariances = self._in_space(index, turned_lines(detected, nodes))
         errors: Float[Tensor, "p d"] = kernel.control_error(places)
         reliance = 1.0 if member.evidence is None else member.evidence.reliance
-        confidence = reliance * confidences(self.scores, member.reference_margin)
+        confidence = reliance * confidences(self.scores, member.reference_margin, member.reference_level)
         node_lists = _node_lists(member, nodes, index, None if covariances is None else (places, covariances))
         rows = zip(
             # Whole tensors become lists, since reading a tensor number by number is slow.

@@ -14,6 +14,8 @@ from geoskill.skill.spec import SkillSpec, build_skill
 
 # Fitted to a demonstration, which decides how long they are.
 STATISTICS = ("spans", "beta", "node_order", "evidence_values", "settling_values")
+LEVEL = "level_values"
+"""Another one, which the first checkpoints of this format lack."""
 GOAL = "goal."
 MAX_GOAL_ROWS = 4096
 """Largest number of features that a skill remembers of the end of its demonstration, of each kind."""
@@ -48,9 +50,9 @@ def require_fit(spec: SkillSpec, weights: Mapping[str, Mapping[str, Tensor]]) ->
         components = build_skill(spec)
     for name, member in components.members.items():
         own = weights[name]
-        expected = {key: value for key, value in member.state_dict().items() if key not in STATISTICS}
+        expected = {key: value for key, value in member.state_dict().items() if key not in (*STATISTICS, LEVEL)}
         lacking = [key for key in (*expected, *STATISTICS) if key not in own]
-        unknown = [key for key in own if key not in (*expected, *STATISTICS)]
+        unknown = [key for key in own if key not in (*expected, *STATISTICS, LEVEL)]
         if lacking or unknown:
             raise _misfit(f"{name} has {shown(unknown)} and lacks {shown(lacking)}")
         for key, value in expected.items():
@@ -90,6 +92,8 @@ def _require_statistics(name: str, weights: Mapping[str, Tensor], width: int) ->
     for key in STATISTICS[3:]:
         if weights[key].shape not in ((0,), (3,)):
             raise _misfit(f"{name}.{key} is {shown(list(weights[key].shape))}; expected 3 numbers, or none")
+    if LEVEL in weights and weights[LEVEL].shape not in ((0,), (1,)):
+        raise _misfit(f"{name}.{LEVEL} is {shown(list(weights[LEVEL].shape))}; expected a number, or none")
     share = weights["settling_values"][:1].tolist()
     if not all(0 <= own <= 1 for own in share):
         raise _misfit(f"{name}.settling_values begins with {shown(share)}; expected a share from 0 to 1")

@@ -37,7 +37,7 @@ def calibrate(members: Mapping[str, KernelModel], demonstration: Transitions) ->
 def is_calibration(key: str) -> bool:
     """Return whether an entry of a member's state is fitted by :func:`calibrate`."""
     return (
-        key.endswith((".reference_margin", ".reference_axis", ".evidence_values", ".settling_values"))
+        key.endswith((".reference_margin", ".level_values", ".reference_axis", ".evidence_values", ".settling_values"))
         or ".goal." in key
     )
 
@@ -58,9 +58,10 @@ def uncalibrated(members: Mapping[str, KernelModel], prefix: str) -> dict[str, T
 
 @torch.no_grad()
 def fit_reference_margin(members: Mapping[str, KernelModel], demonstration: Transitions) -> None:
-    """Fit each member's ``reference_margin``: the median over the demonstration's frames of the best score's margin.
+    """Fit each member's ``reference_margin`` and ``reference_level``.
 
-    Frames with fewer than two associations have no margin and are left out. Members are left in evaluation mode.
+    They are medians over the demonstration's frames: of the best score's margin, and of the mean score. Frames with
+    fewer than two associations have no margin and are left out. Members are left in evaluation mode.
 
     Args:
         members: by name, with the weights that they are to be used with.
@@ -70,4 +71,5 @@ def fit_reference_margin(members: Mapping[str, KernelModel], demonstration: Tran
         member.eval()
         scores = [member(graph) for graph in demonstration.frames(name) if graph.instance_index.shape[1] > 1]
         if scores:
-            member.set_reference_margin(torch.stack([score_margins(frame).max() for frame in scores]).median())
+            margins = torch.stack([score_margins(frame).max() for frame in scores])
+            member.set_reference_margin(margins.median(), torch.stack([frame.mean() for frame in scores]).median())

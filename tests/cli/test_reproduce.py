@@ -52,35 +52,6 @@ def test_variants_change_what_training_takes(default_configuration: Any, overrid
     assert changed != default_configuration or override in defaults
 
 
-@pytest.fixture
-def study_file(tiny: Sequence[str], demonstration_folder: Path, tmp_path: Path) -> Path:
-    """The configuration folder of a study ``tiny`` of two labeled copies of the synthetic demonstration."""
-    data = tmp_path / "data"
-    square = [[100, 40], [150, 40], [150, 90], [100, 90]]
-    labels = {"object": [[20, 40], [60, 40], [60, 90], [20, 90]], "target": square, "hand": []}
-    for name in ("human1", "robot1"):
-        shutil.copytree(demonstration_folder, data / name)
-        regions = {"image_size": [160, 120], "frames": {"0": labels, "19": labels}}
-        (data / f"{name}.regions.json").write_text(json.dumps(regions))
-    overrides = [override for override in tiny if not override.startswith(("task", "logger", "threads"))]
-    study = {
-        "name": "tiny",
-        "data": str(data),
-        "train": ["task=video", "task.path=${artifact.data}/human1", *overrides],
-        "test_sets": {
-            name: [f"video=${{artifact.data}}/{name}", f"regions=${{artifact.data}}/{name}.regions.json"]
-            for name in ("human1", "robot1")
-        },
-        "every": 5,
-        "seeds": [3, 4],
-        "variants": {"default": [], "sigma0=1": ["objective.sigma0=1.0"]},
-        "published": {"default": {"human1": 50.0}},
-    }
-    (tmp_path / "conf" / "artifact").mkdir(parents=True)
-    (tmp_path / "conf" / "artifact" / "tiny.yaml").write_text(json.dumps(study))
-    return tmp_path / "conf"
-
-
 @pytest.mark.slow
 def test_quick_study_in_parallel(script: Command, study_file: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"

@@ -43,6 +43,7 @@ def test_every_weight_and_statistic_must_be_finite(checkpoint: dict[str, Any], t
         ({"spans": torch.zeros(2, 1), "beta": torch.zeros(2, 1)}, r"p2p_sift has spans \[2, 1\] and beta \[2, 1\]"),
         ({"settling_values": torch.zeros(2)}, r"p2p_sift.settling_values is \[2\]; expected 3 numbers, or none"),
         ({"settling_values": torch.full((3,), 7.0)}, r"p2p_sift.settling_values begins with \[7.0\]; expected a share"),
+        ({"level_values": torch.zeros(2)}, r"p2p_sift.level_values is \[2\]; expected a number, or none"),
         ({"reference_margin": torch.zeros(2)}, r"p2p_sift.reference_margin is \[2\]; expected \[\]"),
         ({"scorer.more": torch.zeros(2)}, r"p2p_sift has \['scorer.more'\] and lacks \[\]"),
     ],
@@ -113,3 +114,11 @@ def test_sizes_have_bounds(
     with pytest.raises(InputError) as caught:
         Skill.load(path)
     assert message in str(caught.value)
+
+
+def test_checkpoint_without_the_level_of_scores_is_read_as_before(checkpoint: dict[str, Any], tmp_path: Path) -> None:
+    path, contents = tmp_path / "skill.ckpt", copy.deepcopy(checkpoint)
+    for name in ("p2p_sift", "p2l_sift_lbd"):
+        contents["state_dict"].pop(f"members.{name}.level_values")
+    torch.save(contents, path)
+    assert all(member.reference_level is None for member in Skill.load(path).members.values())

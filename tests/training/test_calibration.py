@@ -11,16 +11,18 @@ from geoskill.training.calibration import fit_reference_margin
 Training = Any
 
 
-def test_reference_margin_is_the_median_over_the_frames(training: Training) -> None:
+def test_reference_margin_and_level_are_medians_over_the_frames(training: Training) -> None:
     demonstration, members = training.demonstration, training.members()
     fit_reference_margin(members, demonstration)
     for name, member in members.items():
-        expected = []
+        expected, means = [], []
         for graph in demonstration.frames(name):
             with torch.no_grad():
                 scores = member(graph)
             expected.append(float(scores.max() - scores.mean()))
+            means.append(float(scores.mean()))
         assert float(member.reference_margin) == pytest.approx(torch.tensor(expected).median().item())
+        assert float(member.reference_level) == pytest.approx(torch.tensor(means).median().item())
         assert not member.reference_margin.requires_grad
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import torch
 
 from geoskill.skill.skill import Skill
 
@@ -80,3 +81,30 @@ def test_sweep_refuses_several_processes(demonstration_folder: Path, tmp_path: P
     assert finished.returncode == 2
     assert "trainer.devices=2 in a sweep; expected one process for each of its runs" in finished.stderr
     assert not list(tmp_path.glob("*/skill.ckpt"))
+
+
+@pytest.mark.slow
+def test_two_processes_learn_what_one_does_with_the_same_transitions_a_step(
+    demonstration_folder: Path, tmp_path: Path
+) -> None:
+    """Without random noise, of which each process has its own: equal but for the rounding of sums in another order."""
+    exact = ["demonstration.descriptor_noise=0", "demonstration.feature_dropout=0", "trainer.max_epochs=2"]
+    exact += ["demonstration.num_negatives=0", "report=false"]
+    curves, weights = [], []
+    for name, settings in (
+        ("one", ["trainer=cpu", "demonstration.batch_size=8"]),
+        ("two", ["demonstration.batch_size=4"]),
+    ):
+        finished = train(demonstration_folder, *exact, *settings, f"hydra.run.dir={tmp_path / name}")
+        assert finished.returncode == 0, finished.stderr
+        with (tmp_path / name / "metrics.csv").open(newline="") as file:
+            curves.append([{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)])
+        weights.append(torch.load(tmp_path / name / "skill.ckpt", weights_only=True)["state_dict"])
+    assert [len(rows) for rows in curves] == [12, 12]  # 46 transitions, 8 a step
+    for one, two in zip(*curves, strict=True):
+        assert two == pytest.approx(one, rel=1e-4, abs=1e-5)
+    assert weights[0].keys() == weights[1].keys()
+    for name, weight in weights[0].items():
+        torch.testing.assert_close(weights[1][name], weight, rtol=1e-3, atol=1e-4, msg=name)
+    first = torch.cat([w.flatten() for key, w in weights[0].items() if ".scorer." in key])
+    assert float(first.std()) > 0
