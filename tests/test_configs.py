@@ -212,11 +212,14 @@ def test_optimizers(name: str, optimizer: str) -> None:
 def test_trainers(name: str) -> None:
     from lightning import Trainer
 
+    from geoskill.training.quiet import quiet_libraries
+
     config = compose_training(f"trainer={name}").trainer
     assert (config.accelerator, config.devices) == {"cpu": ("cpu", 1), "ddp": ("cpu", 2), "gpu": ("gpu", 1)}[name]
     if config.accelerator == "gpu" and not torch.cuda.is_available():
         pytest.skip("no GPU")
-    trainer = Trainer(**as_plain(config), logger=False, enable_checkpointing=False)
+    with quiet_libraries():  # where there is an srun, Lightning advises it
+        trainer = Trainer(**as_plain(config), logger=False, enable_checkpointing=False)
     assert (trainer.max_epochs, trainer.world_size) == (config.max_epochs, config.devices)
 
 

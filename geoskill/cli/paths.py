@@ -19,6 +19,7 @@ PATH_KEYS = (
     "regions.path",
     "skill",
     "definition",
+    "intrinsics",
     "ckpt_path",
     "init_from",
     "intrinsics",
