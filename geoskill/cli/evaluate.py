@@ -108,7 +108,7 @@ def _sequence(config: EvaluateCommandConfig, run: Run, skill: "Skill", store: "D
 
     if config.task is None:
         choice = Choice(config.episode, config.camera, config.topic)
-        source = open_recording(config.video, config.frame_rate, choice)
+        source = open_recording(config.video, config.frame_rate, choice, strict_video=config.strict_video)
         return labeled_video(source, config.regions, config.every, minimum=1)
     demonstrated = skill.provenance.scene
     seed = config.seed if config.seed is not None else 0 if demonstrated is None else demonstrated.seed

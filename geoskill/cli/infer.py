@@ -35,7 +35,8 @@ def infer(config: InferCommandConfig, run: Run) -> None:
         video = required("video", config.video, "a video file, a folder of images or a camera's number")
         store = open_disk_cache(config.cache)
         skill = load_skill(config.skill, config.device, config.precision, store, config.definition)
-        source = open_frames(str(video), config.frame_rate, Choice(config.episode, config.camera, config.topic))
+        choice = Choice(config.episode, config.camera, config.topic)
+        source = open_frames(str(video), config.frame_rate, choice, strict_video=config.strict_video)
         infer_next = selection(skill, config.inference)
         drawn = config.inference.min_drawn_weight
         with open_frame_exports(skill, exporters, config.intrinsics, config.depth_m) as exports:

@@ -49,13 +49,15 @@ def required(key: str, value: Any, expected: str) -> Any:
     return value
 
 
-def open_recording(path: Any, frame_rate: float | None, choice: Choice | None = None) -> FrameSource:
+def open_recording(
+    path: Any, frame_rate: float | None, choice: Choice | None = None, *, strict_video: bool = False
+) -> FrameSource:
     """Open frames that come to an end; see :func:`~geoskill.io.sources.open_frames`.
 
     Raises:
         InputError: when they cannot be opened, or are those of a camera or of a live stream.
     """
-    source = open_frames(str(path), frame_rate, choice)
+    source = open_frames(str(path), frame_rate, choice, strict_video=strict_video)
     if is_live(source):
         raise InputError(f"{source.name} is a camera; expected a video file or a folder of images")
     return source

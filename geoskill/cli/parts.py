@@ -35,11 +35,11 @@ class Part:
         """Whether it is the whole recording."""
         return self.start is None and self.end is None and self.stride == 1
 
-    def open(self, frame_rate: float | None) -> FrameSource:
+    def open(self, frame_rate: float | None, *, strict_video: bool = False) -> FrameSource:
         """Open it; see :func:`~geoskill.cli.inputs.open_recording`."""
         if not isinstance(self.path, str | int) or isinstance(self.path, bool):
             raise InputError(f"task.path: {self.path} is no path; expected a folder of images or a video file")
-        recording = open_recording(self.path, frame_rate, self.choice)
+        recording = open_recording(self.path, frame_rate, self.choice, strict_video=strict_video)
         return recording if self.is_whole else Segment(recording, self.start, self.end, self.stride)
 
 

@@ -44,6 +44,13 @@ def _frame_rate() -> Any:
     )
 
 
+def _strict_video() -> Any:
+    return setting(
+        False,
+        "Refuse a video with errors that its decoder makes up for, or with missing frames; otherwise they are said.",
+    )
+
+
 @final
 @dataclass
 class RegionsConfig(Config):
@@ -96,6 +103,7 @@ class VideoTaskConfig(Config):
     end: Any = setting(None, "Where it ends, in seconds or frames; the frame there is not taken.")
     stride: int = setting(1, "Of so many frames, one is taken.", at_least=1)
     frame_rate: float | None = _frame_rate()
+    strict_video: bool = _strict_video()
     regions: RegionsConfig = field(default_factory=RegionsConfig)
     every: int = setting(5, "A trained skill is scored on every so many frames.", at_least=1)
 
@@ -179,6 +187,7 @@ class InferCommandConfig(Config):
     camera: str | None = _camera()
     topic: str | None = _topic()
     frame_rate: float | None = _frame_rate()
+    strict_video: bool = _strict_video()
     inference: SelectionConfig = field(default_factory=SelectionConfig)
     cache: CacheConfig = field(default_factory=CacheConfig)
     threads: int | None = setting(
@@ -213,6 +222,7 @@ class EvaluateCommandConfig(Config):
     topic: str | None = _topic()
     regions: RegionsConfig = field(default_factory=RegionsConfig)
     frame_rate: float | None = _frame_rate()
+    strict_video: bool = _strict_video()
     task: Any = setting(None, "A simulated task, instead of a video.")
     scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(actor="robot"))
     seed: int | None = setting(

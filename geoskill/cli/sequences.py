@@ -119,7 +119,7 @@ def labeled_demonstrations(config: TrainCommandConfig, store: DiskCache | None) 
             f"task.regions={task.regions.path}: numbers the frames of the whole recording; expected none with"
             " task.start, task.end or task.stride"
         )
-    sources = [part.open(task.frame_rate) for part in parts]
+    sources = [part.open(task.frame_rate, strict_video=task.strict_video) for part in parts]
     regions = [task.regions] + [RegionsConfig()] * (len(parts) - 1)
     minimum = config.demonstration.gap + 1
     return (

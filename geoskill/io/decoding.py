@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import av
 
 from geoskill.errors import InputError
+from geoskill.io.damage import Damage
 from geoskill.io.frames import DEFAULT_FRAME_RATE, Frame, size_text
 from geoskill.io.orientation import shown
 
@@ -60,6 +61,7 @@ def decoded_frames(
     *,
     whole: bool,
     start_s: float | None = None,
+    strict: bool = False,
 ) -> Iterator[Frame]:
     """Yield the frames of the main video stream of a container that was just opened, or has been sought.
 
@@ -72,22 +74,33 @@ def decoded_frames(
         frame_rate: nominal frames per second.
         whole: whether it states its duration, so that one which ends earlier is incomplete.
         start_s: stored time that counts as 0; None for that of the first frame.
+        strict: refuse what otherwise is counted and said: errors that the decoder makes up for, and missing frames.
 
     Raises:
         InputError: where the video is damaged or cut off, changes its size, or has no frame.
     """
     stream = video_stream(container, name)
+    # Messages are attributed to the thread that they come from.
+    stream.thread_type, stream.codec_context.thread_count = "NONE", 1
+    damage = Damage(name, strict)
     index = 0
     first_shape: tuple[int, ...] | None = None
     end_s = -math.inf
     try:
         # Audio packets are read too: the duration stored in the file is that of its longest stream.
-        for packet in container.demux():
+        packets = container.demux()
+        while True:
+            with damage.watched(index):
+                packet = next(packets, None)
+            if packet is None:
+                break
             if packet.is_corrupt:
                 raise _broken(name, index, "the data are damaged or cut off")
             if packet.pts is not None and packet.time_base is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            for decoded in stream.decode(packet) if packet.stream.index == stream.index else ():
+            with damage.watched(index):
+                pictures = stream.decode(packet) if packet.stream.index == stream.index else []
+            for decoded in pictures:
                 if decoded.is_corrupt:
                     raise _broken(name, index, "the frame is damaged")
                 image = shown(decoded)
@@ -110,6 +123,8 @@ def decoded_frames(
     duration_s, missing_s = _missing(container, end_s)
     if whole and missing_s > max(1.0, 0.1 * duration_s):
         raise _broken(name, index, f"{missing_s:.1f} of {duration_s:.1f} s are missing at the end")
+    missing = stream.frames - index if stream.frames else int(missing_s * frame_rate - 0.5)
+    damage.conclude(missing if whole else 0, index)
 
 
 def _missing(container: av.container.InputContainer, end_s: float) -> tuple[float, float]:

@@ -20,7 +20,13 @@ CAMERA_NUMBER = re.compile(r"0|[1-9][0-9]?")
 URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*://.+")
 
 
-def open_frames(source: str | Path | int, frame_rate: float | None = None, choice: Choice | None = None) -> FrameSource:
+def open_frames(
+    source: str | Path | int,
+    frame_rate: float | None = None,
+    choice: Choice | None = None,
+    *,
+    strict_video: bool = False,
+) -> FrameSource:
     """Open a recording, a camera by its number or device file, or the address of a stream.
 
     A recording is a video, a folder of images, an episode of a LeRobot data set or an image topic of a bag of ROS 2. A
@@ -31,6 +37,7 @@ def open_frames(source: str | Path | int, frame_rate: float | None = None, choic
         source: which one.
         frame_rate: nominal frames per second; None for those of the source, or 30.
         choice: which recording of a data set or bag that holds several.
+        strict_video: refuse a video file with errors that its decoder makes up for, or with missing frames.
 
     Raises:
         InputError: when there is no such source, it cannot be read, or has no such choice.
@@ -53,7 +60,7 @@ def open_frames(source: str | Path | int, frame_rate: float | None = None, choic
     if exists and path.is_char_device():
         return Camera(name, frame_rate)
     if exists:
-        return VideoFile(path, frame_rate)
+        return VideoFile(path, frame_rate, strict=strict_video)
     if CAMERA_NUMBER.fullmatch(name):
         return Camera(int(name), frame_rate)
     if URL.fullmatch(name):

@@ -24,18 +24,21 @@ class VideoFile(FrameSource):
 
     A damaged or truncated video raises at the frame where it breaks, instead of passing for a shorter one. Detected are
     packets and frames that the decoder rejects or marks as damaged, and streams that end more than a second, and more
-    than a tenth of the duration, before the duration stored in the file.
+    than a tenth of the duration, before the duration stored in the file. Errors that the decoder makes up for, and
+    single missing frames, are counted and said in a warning when all frames have been read.
 
     Args:
         path: the video file.
         frame_rate: nominal frames per second; None for the rate stored in the file.
+        strict: refuse such errors and missing frames, too.
 
     Raises:
         InputError: when the file does not exist or is no video.
     """
 
-    def __init__(self, path: str | Path, frame_rate: float | None = None) -> None:
+    def __init__(self, path: str | Path, frame_rate: float | None = None, *, strict: bool = False) -> None:
         self._path = Path(path)
+        self._strict = strict
         if not self._path.is_file():
             raise InputError(f"{path}: no such file; expected a video ({VIDEO_TYPES})")
         with self._open() as container:
@@ -54,7 +57,7 @@ class VideoFile(FrameSource):
 
     def __iter__(self) -> Iterator[Frame]:
         with self._open() as container:
-            yield from decoded_frames(container, self.name, self._frame_rate, whole=True)
+            yield from decoded_frames(container, self.name, self._frame_rate, whole=True, strict=self._strict)
 
     def _open(self) -> av.container.InputContainer:
         try:

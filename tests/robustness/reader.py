@@ -24,6 +24,7 @@ from geoskill.features.cache import FeatureCache
 from geoskill.features.sift import Sift
 from geoskill.io.disk_cache import DiskCache
 from geoskill.io.image_folder import ImageFolder
+from geoskill.io.video import VideoFile
 from geoskill.skill.skill import Skill
 
 MEMORY_BYTES = 2_000_000_000
@@ -67,12 +68,17 @@ def picture(path: Path) -> None:
         assert all(frame.image.ndim == 3 for frame in ImageFolder(folder))
 
 
+def video(path: Path) -> None:
+    assert all(frame.image.ndim == 3 for frame in VideoFile(path))
+
+
 READERS: dict[str, Callable[[Path], None]] = {
     "checkpoint": checkpoint,
     "regions": regions,
     "labels": labels,
     "cache": cache,
     "picture": picture,
+    "video": video,
 }
 
 

@@ -15,6 +15,7 @@ import torch
 
 from geoskill.features.cache import _pack
 from geoskill.features.sift import Sift
+from tests.io.test_video import write_video
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
 
@@ -167,3 +168,14 @@ def test_pictures(
     for file in files:
         file.write_bytes(damaged_bytes(content, chance))
     check("picture", small_skill, files)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".avi"])
+def test_videos(
+    small_skill: Path, demonstration_frames: tuple[np.ndarray, ...], rounds: int, tmp_path: Path, suffix: str
+) -> None:
+    chance, files = random.Random(7), [tmp_path / f"{number}{suffix}" for number in range(rounds)]
+    content = write_video(tmp_path / f"whole{suffix}", demonstration_frames).read_bytes()
+    for file in files:
+        file.write_bytes(damaged_bytes(content, chance))
+    check("video", small_skill, files)
