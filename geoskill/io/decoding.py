@@ -28,6 +28,8 @@ def video_stream(container: av.container.InputContainer, name: str) -> av.VideoS
     kind = container.format.name
     if not isinstance(stream, av.VideoStream) or kind in TEXTS:
         raise InputError(f"{name}: the file has no video stream; expected a video ({VIDEO_TYPES})")
+    if stream.codec_context is None:
+        raise InputError(f"{name}: the video is coded in a way that is not known; expected one that PyAV decodes")
     if kind == "image2" or kind.endswith("_pipe"):
         raise InputError(f"{name}: a single picture; expected a video ({VIDEO_TYPES}) or a folder of images")
     return stream

@@ -42,3 +42,10 @@ def test_end_that_is_cut_off_by_less_than_a_second(tmp_path: Path, suffix: str) 
     for _ in range(2):  # the second reading reports the same as the first
         with pytest.raises(InputError, match=rf"^{path}: .*; expected a video without damage, or strict_video=false"):
             list(VideoFile(path, strict=True))
+
+
+def test_unknown_coding_is_refused(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "video.avi", noise(5))
+    path.write_bytes(path.read_bytes().replace(b"FMP4", b"XyZ9"))
+    with pytest.raises(InputError, match=rf"^{path}: the video is coded in a way that is not known; expected one that"):
+        VideoFile(path)
