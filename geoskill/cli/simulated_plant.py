@@ -96,7 +96,9 @@ class ScenePlant(Plant):
         self._acted: Action | None = None
         self._blocked_at: Pose | None = None
         self._object = next(part.body for part in stage.roles if part.role is SceneRole.OBJECT)
-        stage.put(self._start())
+        start = self._start()
+        stage.put(start)
+        self._upright = start[:3, :3]
         self.pictures: list[np.ndarray] = []
 
     def _start(self) -> Pose:
@@ -202,6 +204,9 @@ class ScenePlant(Plant):
         before, grip = self.pose, self._grip
         wanted = action * (1 + ACTUATION * self._rng.normal(size=len(action)))
         target, _ = carried_out(before, grip, self._space.basis @ wanted)
+        if Dof.ROLL not in self._space.dofs:  # the grip stays upright, however the thing is pressed
+            yaw = float(rotation_vector(target[:3, :3] @ self._upright.T)[2])
+            target[:3, :3] = rotation_about(np.array([0.0, 0.0, yaw])) @ self._upright
         floor = self._stage.scene.goal[2, 3]
         if self._config.dof == "descent" and not self._config.plant.contact:
             target[2, 3] = max(target[2, 3], floor)

@@ -1,18 +1,37 @@
 """The law: one robust, damped step towards zero error."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
 from jaxtyping import Float64
 
-from geoskill.control.action import Action, ActionSpace
+from geoskill.control.action import Action, ActionSpace, Dof
 from geoskill.control.robust import Equations, Weights, robust_weights, solved
 from geoskill.control.rows import Row
+from geoskill.geometry.uncertainty import DETECTION_STD_PX
 
 TRUST_PX: Final = 40.0
 """Largest predicted change of an association's error in one step: beyond, the linear model is not believed."""
+
+
+LINEAR_STD_RATIO: Final = 0.1
+"""Standard deviation of a height over the whole way that is left: the field is linear, and only estimated."""
+
+
+@final
+@dataclass(frozen=True)
+class Height:
+    """What a picture says about the component that it does not drive.
+
+    Attributes:
+        left_m: displacement that the errors ask for, were the picture to drive it, too; meters.
+        std_m: its standard deviation; infinite where the picture does not say.
+    """
+
+    left_m: float = 0.0
+    std_m: float = float("inf")
 
 
 @final
@@ -28,6 +47,7 @@ class Step:
         unit_std: standard deviation of each component of the pose for errors of 1 px, meters and radians; 0 where not
             driven.
         residual_variance: of the errors' components about the linear model, pixels squared.
+        height: that is left, by this picture alone.
     """
 
     action: Action
@@ -36,9 +56,17 @@ class Step:
     rank: int
     unit_std: Action
     residual_variance: float
+    height: Height = Height()
 
 
-def step_of(rows: Sequence[Row], space: ActionSpace, driven: Sequence[int], guided: Action, gain: float) -> Step:
+def step_of(
+    rows: Sequence[Row],
+    space: ActionSpace,
+    driven: Sequence[int],
+    guided: Action,
+    gain: float,
+    ahead: Action | None = None,
+) -> Step:
     """Return the step that the rows ask for.
 
     Args:
@@ -47,10 +75,16 @@ def step_of(rows: Sequence[Row], space: ActionSpace, driven: Sequence[int], guid
         driven: components that the picture drives.
         guided: displacement in the other components in this step, whose effect on the picture is compensated.
         gain: share of the error that the step removes.
+        ahead: displacement in the other components that is still to come: the errors that it will remove are none.
     """
     driven, step = list(driven), space.step
     equations = Equations.of(rows, step)
-    robust = robust_weights(equations, driven)
+    if ahead is not None:
+        equations = replace(equations, error=equations.error + equations.jacobian @ (ahead / step))
+    z = space.index(Dof.Z)
+    measured = driven if ahead is None or z is None or z in driven else sorted([*driven, z])
+    # By what the height explains, too: else those rows would count that agree with what is believed of it.
+    robust = robust_weights(equations, measured)
     weights = robust * equations.prior
     normal = equations.normal(weights, driven)
     best = solved(normal, equations.gradient(weights, driven, equations.error))
@@ -65,7 +99,30 @@ def step_of(rows: Sequence[Row], space: ActionSpace, driven: Sequence[int], guid
     unit_std[driven] = _unit_std(normal) * step[driven]
     total = float(weights.sum())
     rms = float(np.sqrt(weights @ np.square(equations.error).sum(axis=1) / total)) if total > 0 else float("inf")
-    return Step(_trusted(equations, weights, action) * step, robust, rms, _rank(normal), unit_std, variance)
+    height = Height()
+    if ahead is not None and measured != driven:
+        height = _height(equations, weights, measured, space)
+        height = replace(height, left_m=height.left_m + float(ahead[z]))
+    return Step(_trusted(equations, weights, action) * step, robust, rms, _rank(normal), unit_std, variance, height)
+
+
+def _height(equations: Equations, weights: Weights, components: list[int], space: ActionSpace) -> Height:
+    """Return what z would be if all of the components were driven, undamped."""
+    normal = equations.normal(weights, components)
+    if not np.isfinite(normal).all():
+        return Height()
+    values, vectors = np.linalg.eigh(normal)
+    if not values[0] > 1e-9 * max(float(values[-1]), 1e-9):
+        return Height()
+    inverse = (vectors / values) @ vectors.T
+    action = np.zeros(equations.jacobian.shape[2])
+    action[components] = -inverse @ equations.gradient(weights, components, equations.error)
+    noise = max(_residual_variance(equations, weights, action, len(components)), 2 * DETECTION_STD_PX**2)
+    z, step_m = space.dofs.index(Dof.Z), space.limits.step_m
+    own = components.index(z)
+    far = float(np.linalg.norm(action)) * step_m  # a turn of one step counts as much as a way of one
+    std = np.hypot(np.sqrt(noise * inverse[own, own]) * step_m, LINEAR_STD_RATIO * far)
+    return Height(float(action[z]) * step_m, float(std))
 
 
 def _trusted(equations: Equations, weights: Weights, action: Action) -> Action:

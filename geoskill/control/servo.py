@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from geoskill.control.action import Action, Dof
+from geoskill.control.descent import Descent, Guided, guided_down
 from geoskill.control.exploration import probing_moves
 from geoskill.control.image_motion import ImageMotion, StillMotion
 from geoskill.control.law import Step, step_of
@@ -132,7 +133,11 @@ def _held(setup: Setup, state: ServoState) -> Result:
 def _driven(setup: Setup, state: ServoState, rows: list[Row], touched: bool) -> Result:
     """Drive by the rows."""
     config, space = setup.config, setup.space
-    guided, at_support = _guided(setup, state, touched)
+    guided, descent = _guided(setup, state, touched)
+    state = replace(state, descent=descent)
+    if descent.is_stuck and not descent.landed:
+        return _ended(setup, state, Mode.LOST, "something that is not the support is in the way down")
+    at_support = guided.at_support
     if at_support != state.supported:  # on the way down the error need not fall
         state = replace(state, supported=at_support, history=())
     driven = [index for index, dof in enumerate(space.dofs) if not (setup.guarded and dof is Dof.Z)]
@@ -142,7 +147,8 @@ def _driven(setup: Setup, state: ServoState, rows: list[Row], touched: bool) -> 
         if not rows:
             return _held(setup, state)
     gain = terminal_gain(config.gain, state.terminal) if terminal else config.gain
-    wanted = step_of(rows, space, driven, guided, gain)
+    wanted = step_of(rows, space, driven, guided.drift, gain, guided.ahead)
+    state = _measured(setup, state, wanted)
     history = (*state.history, wanted.rms)[-REMEMBERED:]
     phase = advanced(setup.phases, state.phase, _member_errors(rows, wanted))
     state = replace(state, mode=Mode.TERMINAL if terminal else Mode.SERVO, rms=wanted.rms, history=history, phase=phase)
@@ -155,7 +161,7 @@ def _driven(setup: Setup, state: ServoState, rows: list[Row], touched: bool) -> 
             return _done(setup, state, rows, wanted)
     smoothed = config.smoothing * state.command + (1 - config.smoothing) * wanted.action
     for index in set(range(len(space.dofs))) - set(driven):
-        smoothed[index] = guided[index]
+        smoothed[index] = guided.action[index]
     action = safe_action(space, state.travelled, smoothed)
     limited = not np.array_equal(action, smoothed)
     if not settled and not limited and is_growing(history):
@@ -164,19 +170,22 @@ def _driven(setup: Setup, state: ServoState, rows: list[Row], touched: bool) -> 
     return _sent(setup, state, Decision(state.mode, action), rows, wanted, notes)
 
 
-def _guided(setup: Setup, state: ServoState, touched: bool) -> tuple[Action, bool]:
-    """Return the displacement that the picture does not drive, and whether the way down has ended."""
-    guided = np.zeros(len(setup.space.dofs))
+def _guided(setup: Setup, state: ServoState, touched: bool) -> tuple[Guided, Descent]:
+    """Return what the way down asks for; nothing where the picture drives z, or at the end."""
+    rest = np.zeros(len(setup.space.dofs))
+    if not setup.guarded or Dof.Z not in setup.space.dofs:
+        return Guided(rest, rest, rest, True), state.descent
+    if state.terminal > 0:  # pressing on is of no use
+        return Guided(rest, rest, rest, state.supported), state.descent
+    return guided_down(setup.config, setup.space, state.descent, state.travelled, state.rms, touched)
+
+
+def _measured(setup: Setup, state: ServoState, wanted: Step) -> ServoState:
+    """Return the state with what a picture said about the height."""
     z = setup.space.index(Dof.Z)
-    if not setup.guarded or z is None:
-        return guided, True
-    at_floor = state.travelled[z] <= -setup.space.limits.down_m + 1e-9
-    if touched or at_floor:
-        return guided, True
-    near = state.rms < setup.config.descend_below_px
-    if near and state.terminal == 0:
-        guided[z] = -setup.config.descend_ratio * setup.space.step[z]
-    return guided, False
+    if z is None or state.supported:
+        return state
+    return replace(state, descent=state.descent.seen(float(state.travelled[z]), wanted.height))
 
 
 def _member_errors(rows: Sequence[Row], wanted: Step) -> dict[str, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from geoskill.control.action import Action, ActionSpace, Limits, names, twist
 from geoskill.control.broyden import SlotJacobians
+from geoskill.control.descent import Descent
 from geoskill.control.image_motion import ImageMotion, Points
 from geoskill.control.rows import Constraint, Row
 from geoskill.control.sequence import Phase, PhaseState
@@ -138,6 +139,7 @@ class ServoState:
         held: frames without associations so far.
         back: actions that are left of a retreat.
         phase: of the task.
+        descent: what is known of the way down.
     """
 
     mode: Mode
@@ -158,6 +160,7 @@ class ServoState:
     held: int = 0
     back: tuple[Action, ...] = ()
     phase: PhaseState = field(default_factory=PhaseState)
+    descent: Descent = Descent()
 
 
 @final

@@ -1,7 +1,8 @@
 """Contact and gravity: what is held is stopped by what it touches, and what is let go falls until it rests.
 
-MuJoCo's own contact and dynamics. A soft weld holds the object to where the actor wants it; the actor gives way when
-the object presses on something, as a robot does that guards its force.
+MuJoCo's own contact and dynamics. A soft weld holds the object to where the actor wants it. Where the object presses on
+something, the actor gives way along that force alone, as a robot does that is compliant: what touches a wall is not
+kept from sliding along it.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,13 @@ HOLD: Final = "hold"
 """Name of the body to which the object is welded, and of the weld."""
 STEP_S: Final = 0.001
 GUARD_N: Final = 5.0
-"""Force on the object at which the actor stops."""
+"""Force on the object from which on the actor gives way."""
+DAMPING_N_S_PER_M: Final = 25.0
+"""Force beyond that one over the speed with which it gives way."""
+FASTEST_M_PER_S: Final = 0.25
+"""Largest speed with which it gives way."""
+FELT_S: Final = 0.005
+"""Time over which a force is felt: contacts are stiff, and a single step of the simulation says little."""
 TOUCH_N: Final = 0.05
 """Smallest force that counts as a touch."""
 # Contacts give way nine times less than the weld, which follows the actor by about 1 mm at 0.1 m/s.
@@ -93,17 +100,20 @@ class SolidObject(ObjectDynamics):
         path = _path(hold, object_pose, max(1, round(seconds / STEP_S)))
         fingers = np.delete(np.arange(model.nq), np.arange(7) + model.joint(self.body).qposadr[0])
         opening = data.qpos[fingers].copy()
-        pressed, stopped = sum(contact_forces(model, data).values()), False
+        give, felt = np.zeros(3), np.zeros(3)
         for target in path:
-            if not stopped:
-                set_body_pose(model, data, HOLD, target)
+            target[:3, 3] += give
+            set_body_pose(model, data, HOLD, target)
             mujoco.mj_step(model, data)
             data.qpos[fingers] = opening  # which is prescribed and not simulated
-            force = sum(contact_forces(model, data).values())
-            if held and not stopped and force > max(GUARD_N, pressed):
-                set_body_pose(model, data, HOLD, body_pose(model, data, self.body))  # which has stayed behind
-                stopped = True
-            pressed = force
+            felt += STEP_S / FELT_S * (contact_force(model, data) - felt)
+            size = float(np.linalg.norm(felt))
+            if held and size > GUARD_N:
+                give += felt / size * min((size - GUARD_N) / DAMPING_N_S_PER_M, FASTEST_M_PER_S) * STEP_S
+        if give.any():
+            relaxed = target.copy()  # turned as is wanted, and where the object is: it does not press on
+            relaxed[:3, 3] = body_pose(model, data, self.body)[:3, 3]
+            set_body_pose(model, data, HOLD, relaxed)
         mujoco.mj_forward(model, data)
 
 
@@ -118,6 +128,18 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, floa
         name = model.body(touched).name
         forces[name] = forces.get(name, 0.0) + float(force[0])
     return {name: total for name, total in forces.items() if total > TOUCH_N}
+
+
+def contact_force(model: mujoco.MjModel, data: mujoco.MjData) -> Float64[np.ndarray, "3"]:
+    """Return the sum of the normal forces on the object, in the world, newtons."""
+    total, force = np.zeros(3), np.zeros(6)
+    for number in range(data.ncon):
+        mujoco.mj_contactForce(model, data, number, force)
+        contact = data.contact[number]
+        # The normal points from the first geom to the second; what is touched has no mass and is the other one.
+        sign = 1.0 if model.geom_contype[contact.geom[1]] else -1.0
+        total += sign * force[0] * contact.frame[:3]
+    return total
 
 
 def body_pose(model: mujoco.MjModel, data: mujoco.MjData, body: str) -> Pose:

@@ -22,6 +22,8 @@ from geoskill.skill.association import Association
 ROUNDS: Final = 6
 MIN_WEIGHT: Final = 0.1
 """Weight above which an association agrees."""
+MAX_ASKED: Final = 12
+"""Associations that are asked, the best ones: every two of them are tried."""
 MIN_DETERMINED: Final = 0.05
 """Of two directions, the one that the errors say less about counts as determined from this ratio on."""
 
@@ -32,7 +34,7 @@ class Consensus:
     """What the listed associations agree on.
 
     Attributes:
-        share: of the listed associations that agree, in [0, 1]; one without goal error does not.
+        share: of the associations asked that agree, in [0, 1]; one without goal error does not.
         offset_px: how far the moving thing is from its goal, x to the right and y down, in pixels of the frame: it has
             to move by minus this. Where the errors are all of one direction, as of parallel lines, the part along it.
     """
@@ -48,8 +50,9 @@ def consensus(kernel: Kernel, listed: Sequence[Association]) -> Consensus | None
 
     Args:
         kernel: of the member; the unit of its error need not be pixels.
-        listed: its associations in a frame, of any rank.
+        listed: its associations in a frame by rank, of which the first ones are asked.
     """
+    listed = listed[:MAX_ASKED]
     known = [association for association in listed if association.goal is not None]
     if len(known) < 2 or kernel.in_space:
         return None
