@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
+from jaxtyping import Bool
 
 from geoskill.control.action import Action
 from geoskill.control.estimated_motion import EstimatedMotion
 from geoskill.control.exploration import probe_of
-from geoskill.control.image_motion import ImageMotion
+from geoskill.control.image_motion import ImageMotion, Points
 from geoskill.control.rows import Constraint
 from geoskill.control.safety import FAR_PX
 from geoskill.control.state import Followed, Mode, ServoState, Setup, Sighting
@@ -16,6 +18,9 @@ from geoskill.control.who_moves import RESTS, UNKNOWN, Ledger
 
 MIN_FEATURES = 2
 """Of the carried thing, from which a field can be estimated."""
+MIN_TOGETHER = 6
+"""Carried features from which on those are left out that do not move together with the others."""
+TOGETHER_PX = 1.5
 
 
 def perceived(setup: Setup, state: ServoState, sighting: Sighting) -> ServoState:
@@ -49,6 +54,7 @@ def _explored(
 ) -> tuple[ImageMotion | None, Ledger]:
     """Return field and ledger of a camera after a probing move."""
     ledger = ledger.explored(followed.before, followed.after)
+    ledger = ledger.without(ledger.carried & ~moves_together(followed.before, followed.after, ledger.carried))
     carried = ledger.carried
     if carried.sum() < MIN_FEATURES:
         return motion, ledger
@@ -57,6 +63,31 @@ def _explored(
         height = setup.sizes[camera][1]
         motion = EstimatedMotion.prior(setup.space, probe_of(setup.space), np.median(before, axis=0), height)
     return motion.observed(before, after, acted), ledger
+
+
+def moves_together(before: Points, after: Points, carried: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Return which features moved as most of the carried ones did: by one affine map of the picture.
+
+    Shadows move, too, and so do the fingers, nearer to the camera; with them, the field's affine part was wrong by
+    several times its size.
+
+    Args:
+        before: in the last picture, pixels.
+        after: in this one.
+        carried: those that count; all of them are returned when they are few.
+    """
+    if carried.sum() < MIN_TOGETHER:
+        return carried
+    found = cv2.estimateAffine2D(
+        before[carried].astype(np.float64),
+        after[carried].astype(np.float64),
+        method=cv2.RANSAC,
+        ransacReprojThreshold=TOGETHER_PX,
+        maxIters=500,
+    )[1]
+    together = carried.copy()
+    together[carried] = np.asarray(found).ravel() > 0
+    return together if together.sum() >= MIN_TOGETHER else carried
 
 
 def _finite(followed: Followed) -> Followed:

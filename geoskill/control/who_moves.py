@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from jaxtyping import Float64, Int8
+from jaxtyping import Bool, Float64, Int8
 
 from geoskill.control.action import Action
 from geoskill.control.image_motion import ImageMotion, Points
@@ -69,6 +69,10 @@ class Ledger:
         """Return the ledger of the next picture after a probing move, before there is a field."""
         far = np.linalg.norm(after - before, axis=1) > EXPLORED_PX
         return Ledger(after, np.where(far, LARGEST, self._remembered(before)))
+
+    def without(self, features: Bool[np.ndarray, " m"]) -> "Ledger":
+        """Return the ledger that knows nothing of some features."""
+        return Ledger(self.points, np.where(features, 0.0, self.scores))
 
     @property
     def carried(self) -> np.ndarray:

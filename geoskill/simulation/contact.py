@@ -25,11 +25,11 @@ HOLD: Final = "hold"
 STEP_S: Final = 0.001
 GUARD_N: Final = 5.0
 """Force on the object from which on the actor gives way."""
-DAMPING_N_S_PER_M: Final = 25.0
+DAMPING_N_S_PER_M: Final = 50.0
 """Force beyond that one over the speed with which it gives way."""
-FASTEST_M_PER_S: Final = 0.25
+FASTEST_M_PER_S: Final = 0.4
 """Largest speed with which it gives way."""
-FELT_S: Final = 0.005
+FELT_S: Final = 0.002
 """Time over which a force is felt: contacts are stiff, and a single step of the simulation says little."""
 TOUCH_N: Final = 0.05
 """Smallest force that counts as a touch."""
