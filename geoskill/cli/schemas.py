@@ -301,8 +301,10 @@ class ServoCommandConfig(Config):
     plant: Any = setting(PlantConfig, "What is controlled.")
     select: str = setting(
         "skill",
-        "Of plant=scene: `skill`: its associations; `truth`: detected pairs that meet at the goal by the ground truth.",
-        choices=("skill", "truth"),
+        "Of plant=scene: `skill`: its associations; `top`: the best one alone, until its error is zero, as in the"
+        " paper; `truth`: detected pairs that meet at the goal by the ground truth; `tracked`: those of the first"
+        " picture, followed by trackers.",
+        choices=("skill", "top", "truth", "tracked"),
     )
     faults: str = setting(
         "none",

@@ -95,7 +95,7 @@ def _check(config: ServoCommandConfig) -> None:
         raise InputError(f"faults={config.faults}: only plant=points has faults; expected faults=none, or a scenario=…")
     if not isinstance(config.task, SimulatedTaskConfig):
         raise InputError("task is no simulated task; expected one such as task=insertion")
-    if config.select == "skill" and config.controller.name != "truth" and config.skill is None:
+    if config.select in ("skill", "top") and config.controller.name != "truth" and config.skill is None:
         raise InputError("skill is not set; expected the skill.ckpt of a training run, or select=truth (skill=…)")
 
 

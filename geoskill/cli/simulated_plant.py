@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, final
 
@@ -11,6 +12,7 @@ import numpy as np
 from geoskill.cli.command import Run
 from geoskill.cli.inputs import load_skill, open_disk_cache
 from geoskill.cli.schemas import ServoCommandConfig
+from geoskill.cli.tracked_pairs import TrackedPairs
 from geoskill.control.action import Action, ActionSpace, Dof, action_space
 from geoskill.control.camera_motion import CameraMotion, constant_depth
 from geoskill.control.image_motion import Points
@@ -25,6 +27,7 @@ from geoskill.plugins import EXTRACTORS, KERNELS, TASKS
 from geoskill.simulation.ground_truth import FrameGroundTruth
 from geoskill.simulation.roles import SceneRole
 from geoskill.simulation.stage import Stage
+from geoskill.skill.association import InferenceResult
 from geoskill.skill.servoing import FeatureFollower, constraints_of, listing
 from geoskill.skill.temporal_filter import TemporalFilter
 
@@ -51,7 +54,7 @@ class SimulatedPlants:
     def __init__(self, config: ServoCommandConfig, run: Run) -> None:
         self._config = config
         self._skill: Skill | None = None
-        if config.select == "skill" and config.controller.name != "truth":
+        if config.select in ("skill", "top") and config.controller.name != "truth":
             self._skill = listing(load_skill(config.skill, config.device, None, open_disk_cache(config.cache)))
         scene = None if self._skill is None else self._skill.provenance.scene
         # Things look as in the demonstration; where they are is another matter.
@@ -90,6 +93,7 @@ class ScenePlant(Plant):
         self._space: ActionSpace = action_space(config.dof, limits_of(config.servo))
         self._cameras = stage.cameras
         self._followers = [FeatureFollower() for _ in self._cameras]
+        self._trackers = [TrackedPairs() for _ in self._cameras]
         self._filters = [] if skill is None else [TemporalFilter(skill) for _ in self._cameras]
         sift = EXTRACTORS.build("sift", {})()
         self._pipeline = FeaturePipeline(sift, max_features=60, min_side=480)
@@ -140,13 +144,26 @@ class ScenePlant(Plant):
                 self.pictures.append(frame)
             if self._skill is not None:
                 result = self._filters[camera].infer(frame)
-                constraints += constraints_of(self._skill, result, camera)
+                constraints += self._selected(result, camera)
                 features = list(result.features.values())
             else:
                 features = [self._pipeline.extract(frame)]
-                constraints += self._by_truth(camera, name, features[0].geometry)
+                pairs = self._by_truth(camera, name, features[0].geometry)
+                constraints += (
+                    self._trackers[camera].advance(frame, pairs) if self._config.select == "tracked" else pairs
+                )
             followed.append(self._followers[camera].follow(frame, features))
         return Sighting(constraints, followed, self._acted, self._touches(), self._motions())
+
+    def _selected(self, result: InferenceResult, camera: int) -> list[Constraint]:
+        """Return what the skill selected; with `select=top`, its best association alone and as it is."""
+        assert self._skill is not None
+        if self._config.select != "top":
+            return constraints_of(self._skill, result, camera)
+        name = next(iter(self._skill.members))
+        best = [own for own in result.associations if own.member == name][:1]
+        alone = constraints_of(self._skill, replace(result, associations=tuple(best)), camera)
+        return [replace(own, target=None) for own in alone]
 
     def _by_truth(self, camera: int, name: str, geometry: np.ndarray) -> list[Constraint]:
         """Return pairs of detected features that meet best at the goal, or each carried one with its place there."""

@@ -1,9 +1,9 @@
 """The guarded way down, straight down onto the goal.
 
 Above its goal by h, a thing whose picture lies on the goal's is nearer to the camera by h cos / sin of the line of
-sight: whoever drives x and y by the picture alone comes down along that line, and onto whatever is in front of the goal.
-So the height that is left is estimated, too: from the picture's scale, which says it roughly (to 5 to 10 mm), and says
-it ever better on the way down. x and y are driven to where the picture is to be at this height.
+sight: whoever drives x and y by the picture alone comes down along that line, and onto whatever is in front of the
+goal. So the height that is left is estimated, too: from the picture's scale, which says it roughly (to 5 to 10 mm), and
+ever better on the way down. x and y are driven to where the picture is to be at this height.
 
 What stops the thing far above its goal is not its support: pressed lightly, it slides to and fro along the line of
 sight until it goes on down.
@@ -30,10 +30,11 @@ SUPPORT_STDS: Final = (1.5, 3.0)
 the second one when it found no way down."""
 PRESS_M: Final = 0.001
 """Step down onto what stops the thing."""
-SWEEP_M: Final = 0.0015
+SWEEP_M: Final = 0.002
 """Change of the height that is aimed at, by which the thing slides, in one step."""
-SWEEP_FRAMES: Final = (20, 40, 50)
+SWEEP_FRAMES: Final = (27, 45, 54)
 """Steps farther away, then nearer, and back again."""
+
 
 @final
 @dataclass(frozen=True)
