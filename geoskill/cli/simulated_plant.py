@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 PAIRS: Final = 8
 """Pairs by the ground truth."""
 STEP_S: Final = 0.1
+RELEASED_S: Final = 1.0
 MARGIN_PX: Final = 30
 BLOCKED_M: Final = 0.002
 """Way to the side after which the way down is tried again."""
@@ -242,6 +243,11 @@ class ScenePlant(Plant):
             return False
         aside = float(np.linalg.norm(self.pose[:2, 3] - self._blocked_at[:2, 3]))
         return not self._config.plant.contact or aside < BLOCKED_M
+
+    def release(self) -> None:
+        """See :meth:`Plant.release`; without contact the thing stays where it is."""
+        if self._config.plant.contact:
+            self._stage.lead(self.pose, held=False, opening=1.0, seconds=RELEASED_S)
 
     def placement(self) -> Placement:
         """See :meth:`Plant.placement`."""

@@ -41,7 +41,7 @@ class TrackedPairs:
         self._pairs = [
             replace(pair, nodes=tuple(np.asarray(own, np.float64)))
             for pair, own, kept in zip(
-                self._pairs, places.reshape(-1, count, 2), found.reshape(-1, count).all(axis=1), strict=True
+                self._pairs, places.reshape(-1, count, 2), map(all, found.reshape(-1, count)), strict=True
             )
             if kept
         ]

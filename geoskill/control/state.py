@@ -160,7 +160,7 @@ class ServoState:
     held: int = 0
     back: tuple[Action, ...] = ()
     phase: PhaseState = field(default_factory=PhaseState)
-    descent: Descent = Descent()
+    descent: Descent = field(default_factory=Descent)
 
 
 @final

@@ -23,7 +23,7 @@ class TrialResult:
         reason: why it was lost.
         start_mm: distance from the goal at the start.
         start_deg: angle from the goal at the start.
-        mm: distance from the goal at the end.
+        mm: distance from the goal at the end, after the thing was let go where that is simulated.
         along_mm: the part along the first camera's line of sight.
         across_mm: the part across it.
         deg: angle from the goal at the end.
@@ -90,6 +90,8 @@ def run_trial(setup: Setup, plant: Plant, *, explores: bool = True, watch: Watch
         if decision.mode is not Mode.EXPLORE:
             way += float(np.linalg.norm((setup.space.basis @ decision.action)[:3]))
         plant.act(decision.action)
+    if decision.mode is Mode.DONE:
+        plant.release()
     end = plant.placement()
     straight = max(start.mm / 1000, 1e-9)
     return TrialResult(
