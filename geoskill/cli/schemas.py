@@ -284,8 +284,9 @@ class PlantConfig(Config):
     pairs: int = setting(8, "Associations of two points, of plant=points.", at_least=0, at_most=50)
     lines: int = setting(0, "Associations of two lines, of plant=points.", at_least=0, at_most=50)
     contact: bool = setting(
-        False,
-        "Of plant=scene: the way down ends by touch, as MuJoCo has it; false: at the goal's height by construction.",
+        True,
+        "Of plant=scene: the way down ends by touch, and the thing is let go; false: at the goal's height by"
+        " construction, which also does where nothing stops the thing, as in screw and folding.",
     )
 
 
@@ -305,6 +306,12 @@ class ServoCommandConfig(Config):
         " paper; `truth`: detected pairs that meet at the goal by the ground truth; `tracked`: those of the first"
         " picture, followed by trackers.",
         choices=("skill", "top", "truth", "tracked"),
+    )
+    definition: str | None = _definition()
+    phases: str = setting(
+        "none",
+        "Of plant=scene: `learned`: in the order in which members settled in the demonstration; `none`: all at once.",
+        choices=("learned", "none"),
     )
     faults: str = setting(
         "none",

@@ -15,6 +15,7 @@ from geoskill.schema import as_plain
 
 if TYPE_CHECKING:
     from geoskill.control.plant import Placement, Plant
+    from geoskill.control.sequence import Phase
     from geoskill.control.state import Record, Setup
     from geoskill.control.trial import TrialResult
 
@@ -46,10 +47,10 @@ def servo(config: ServoCommandConfig, run: Run) -> None:
 
     _check(config)
     _claim(config, run.folder)
-    setup = _setup(config)
     results, curves = _read(run.folder)
     log = ServoLog(run.folder, len(results))
-    with _plants(config, run) as plant_of:
+    with _plants(config, run) as (plant_of, phases):
+        setup = _setup(config, phases)
         for trial in range(len(results), config.trials):
             rows: list[dict[str, Any]] = []
             steps: list[dict[str, Any]] = []
@@ -88,8 +89,9 @@ def servo(config: ServoCommandConfig, run: Run) -> None:
 def _check(config: ServoCommandConfig) -> None:
     """Refuse settings that do not go together."""
     if config.plant.name == "points":
-        if config.skill is not None:
-            raise InputError(f"skill={config.skill}: plant=points has no pictures; expected plant=scene")
+        for key in ("skill", "definition"):
+            if getattr(config, key) is not None:
+                raise InputError(f"{key}={getattr(config, key)}: plant=points has no pictures; expected plant=scene")
         return
     if config.faults != "none":
         raise InputError(f"faults={config.faults}: only plant=points has faults; expected faults=none, or a scenario=…")
@@ -99,7 +101,7 @@ def _check(config: ServoCommandConfig) -> None:
         raise InputError("skill is not set; expected the skill.ckpt of a training run, or select=truth (skill=…)")
 
 
-def _setup(config: ServoCommandConfig) -> "Setup":
+def _setup(config: ServoCommandConfig, phases: "tuple[Phase, ...]") -> "Setup":
     from geoskill.control.action import action_space
     from geoskill.control.state import Setup, limits_of
 
@@ -109,18 +111,20 @@ def _setup(config: ServoCommandConfig) -> "Setup":
         ((640, 480),) * config.cameras,
         guarded=config.dof == "descent",
         uses_slots=config.controller.name == "broyden",
+        phases=phases,
     )
 
 
 @contextmanager
 def _plants(config: ServoCommandConfig, run: Run) -> Iterator[Any]:
-    """Give the function that opens the plant of a trial."""
+    """Give the function that opens the plant of a trial, and the phases of the task."""
     if config.plant.name == "points":
-        yield lambda trial: _points(config, trial)
+        yield lambda trial: _points(config, trial), ()
         return
     from geoskill.cli.simulated_plant import SimulatedPlants
 
-    yield SimulatedPlants(config, run).trial
+    plants = SimulatedPlants(config, run)
+    yield plants.trial, plants.phases
 
 
 @contextmanager
@@ -153,6 +157,7 @@ def _described(config: ServoCommandConfig) -> dict[str, Any]:
         "controller": config.controller.name,
         "task": task if config.plant.name == "scene" else None,
         "skill": config.skill,
+        "phases": config.phases if config.plant.name == "scene" else None,
         "select": config.select if config.plant.name == "scene" else None,
         "faults": config.faults,
         "dof": config.dof,

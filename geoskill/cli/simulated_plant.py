@@ -19,7 +19,9 @@ from geoskill.control.image_motion import Points
 from geoskill.control.plant import Placement, Plant
 from geoskill.control.points_plant import ACTUATION, carried_out
 from geoskill.control.rows import Constraint
+from geoskill.control.sequence import Phase
 from geoskill.control.state import Followed, Sighting, limits_of
+from geoskill.errors import InputError
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.geometry.camera import back_project, project
 from geoskill.geometry.poses import Pose, inverse, pose, rotation_about, rotation_vector, transform
@@ -56,23 +58,29 @@ class SimulatedPlants:
         self._config = config
         self._skill: Skill | None = None
         if config.select in ("skill", "top") and config.controller.name != "truth":
-            self._skill = listing(load_skill(config.skill, config.device, None, open_disk_cache(config.cache)))
+            self._skill = listing(
+                load_skill(config.skill, config.device, None, open_disk_cache(config.cache), config.definition)
+            )
         scene = None if self._skill is None else self._skill.provenance.scene
         # Things look as in the demonstration; where they are is another matter.
         self._looks = 0 if scene is None else scene.seed
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """Those that the skill has learned, if it is to keep to them."""
+        return () if self._skill is None or self._config.phases == "none" else self._skill.phases
 
     @contextmanager
     def trial(self, number: int) -> Iterator["ScenePlant"]:
         """Open the scene of a trial."""
         config = self._config
-        with Stage(
-            TASKS.build(config.task.name, {})(),
-            config.scenario,
-            self._looks,
-            f"servo {number}" if config.seed == 0 else f"servo {number}, {config.seed}",
-            second_camera=config.cameras == 2,
-            contact=config.plant.contact,
-        ) as stage:
+        episode = f"servo {number}" if config.seed == 0 else f"servo {number}, {config.seed}"
+        task, two, contact = TASKS.build(config.task.name, {})(), config.cameras == 2, config.plant.contact
+        try:
+            stage = Stage(task, config.scenario, self._looks, episode, second_camera=two, contact=contact)
+        except InputError as error:
+            raise InputError(f"{error}; or plant.contact=false" if contact else str(error)) from error
+        with stage:
             yield ScenePlant(config, stage, self._skill, np.random.default_rng([config.seed, number]))
 
 
@@ -244,10 +252,11 @@ class ScenePlant(Plant):
         aside = float(np.linalg.norm(self.pose[:2, 3] - self._blocked_at[:2, 3]))
         return not self._config.plant.contact or aside < BLOCKED_M
 
-    def release(self) -> None:
-        """See :meth:`Plant.release`; without contact the thing stays where it is."""
+    def released(self) -> Placement:
+        """See :meth:`Plant.released`; without contact the thing stays where it is."""
         if self._config.plant.contact:
             self._stage.lead(self.pose, held=False, opening=1.0, seconds=RELEASED_S)
+        return self.placement()
 
     def placement(self) -> Placement:
         """See :meth:`Plant.placement`."""

@@ -41,8 +41,9 @@ class Plant(ABC):
     def placement(self) -> Placement:
         """Return where the carried thing is, by the ground truth, which the loop does not know."""
 
-    def release(self) -> None:
-        """Let the thing go, where that is simulated: it then rests somewhere."""
+    def released(self) -> Placement:
+        """Let the thing go, where that is simulated, and return where it comes to rest."""
+        return self.placement()
 
     def wrong_associations(self) -> int:
         """Return in how many pictures so far the first association was wrong, where that is known; 0 otherwise."""

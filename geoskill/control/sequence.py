@@ -8,7 +8,9 @@ smoothly.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, final
+from typing import Any, Final, final
+
+from geoskill.control.settling import Settling
 
 NEXT_RATIO: Final = 2.0
 BACK_RATIO: Final = 4.0
@@ -20,23 +22,38 @@ LATER_WEIGHT: Final = 0.1
 @final
 @dataclass(frozen=True)
 class Phase:
-    """Members that settle together.
+    """A part of a task.
 
     Attributes:
-        members: all members that are driven in it, those of earlier phases included.
-        until: error below which each member counts as settled, by its name.
-
-    Raises:
-        ValueError: when a threshold is not positive.
+        settling: of the members that settle at the end of this phase, by their names.
+        held: members that have settled before.
     """
 
-    members: tuple[str, ...]
-    until: Mapping[str, float]
+    settling: Mapping[str, Settling]
+    held: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        for member, threshold in self.until.items():
-            if not threshold > 0:
-                raise ValueError(f"until.{member}={threshold}: expected a positive number")
+    @property
+    def members(self) -> tuple[str, ...]:
+        """All members that are driven in it, those of earlier phases included."""
+        return (*self.settling, *self.held)
+
+    @property
+    def settles_at(self) -> float:
+        """Share of the demonstration after which all of its members have settled, in [0, 1]."""
+        return max(own.share for own in self.settling.values())
+
+    def as_plain(self) -> dict[str, Any]:
+        """Return what ``skill.yaml`` and ``metrics.json`` say of it.
+
+        ``until`` is the norm of what is left of each error (the goal error) below which the phase is over, and
+        ``error_at_end`` the norm of the error at the demonstration's end, both in the unit of the error.
+        """
+        return {
+            "members": list(self.members),
+            "settles_at": round(self.settles_at, 4),
+            "until": {name: round(NEXT_RATIO * own.threshold, 4) for name, own in self.settling.items()},
+            "error_at_end": {name: round(own.error_at_end, 4) for name, own in self.settling.items()},
+        }
 
 
 @final
@@ -93,12 +110,12 @@ def advanced(phases: tuple[Phase, ...], state: PhaseState, errors: Mapping[str, 
     weights = weights_of(phases, state)
     state = replace(state, since=state.since + 1)
     present = phases[state.phase]
-    own = {member: errors[member] for member in present.until if member in errors}
-    done = bool(own) and all(error < NEXT_RATIO * present.until[member] for member, error in own.items())
+    own = {member: errors[member] for member in present.settling if member in errors}
+    done = bool(own) and all(error < NEXT_RATIO * present.settling[member].threshold for member, error in own.items())
     lost = False
     if state.phase > 0:
-        earlier = phases[state.phase - 1].until
-        lost = any(errors[member] > BACK_RATIO * earlier[member] for member in earlier if member in errors)
+        earlier = phases[state.phase - 1].settling
+        lost = any(errors[member] > BACK_RATIO * own.threshold for member, own in earlier.items() if member in errors)
     state = replace(state, settled=state.settled + 1 if done else 0, lost=state.lost + 1 if lost else 0)
     if state.lost >= PATIENCE_FRAMES:
         return PhaseState(state.phase - 1, since=0, before=weights)

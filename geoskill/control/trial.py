@@ -90,9 +90,7 @@ def run_trial(setup: Setup, plant: Plant, *, explores: bool = True, watch: Watch
         if decision.mode is not Mode.EXPLORE:
             way += float(np.linalg.norm((setup.space.basis @ decision.action)[:3]))
         plant.act(decision.action)
-    if decision.mode is Mode.DONE:
-        plant.release()
-    end = plant.placement()
+    end = plant.released() if decision.mode is Mode.DONE else plant.placement()
     straight = max(start.mm / 1000, 1e-9)
     return TrialResult(
         str(decision.mode),

@@ -8,13 +8,13 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
+from geoskill.control.settling import Settling
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, gather_nodes
 from geoskill.kernels.kernel import Kernel, automorphisms, node_types
 from geoskill.model.evidence import Evidence
 from geoskill.model.goal_reference import GoalReference
 from geoskill.model.scorer import InstanceScorer
-from geoskill.model.settling import Settling
 
 IN_SPACE: Final = {
     "geometry": "space",

@@ -5,49 +5,15 @@ order is learned.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final
 
+from geoskill.control.sequence import Phase
+from geoskill.control.settling import Settling
 from geoskill.model.kernel_model import KernelModel
-from geoskill.model.settling import Settling
 
 TOGETHER: Final = 0.05
 """Share of the demonstration within which members settle together."""
-UNTIL_FACTOR: Final = 2.0
-"""A phase is over when what is left of its errors is below so many thresholds."""
 BAR_WIDTH: Final = 40
-
-
-@final
-@dataclass(frozen=True)
-class Phase:
-    """A part of a task.
-
-    Attributes:
-        settling: of the members that settle at the end of this phase, by their names.
-        held: members that have settled before.
-    """
-
-    settling: Mapping[str, Settling]
-    held: tuple[str, ...]
-
-    @property
-    def settles_at(self) -> float:
-        """Share of the demonstration after which all of its members have settled, in [0, 1]."""
-        return max(own.share for own in self.settling.values())
-
-    def as_plain(self) -> dict[str, Any]:
-        """Return what ``skill.yaml`` and ``metrics.json`` say of it.
-
-        ``until`` is the norm of what is left of each error (the goal error) below which the phase is over, and
-        ``error_at_end`` the norm of the error at the demonstration's end, both in the unit of the error.
-        """
-        return {
-            "members": [*self.settling, *self.held],
-            "settles_at": round(self.settles_at, 4),
-            "until": {name: round(UNTIL_FACTOR * own.threshold, 4) for name, own in self.settling.items()},
-            "error_at_end": {name: round(own.error_at_end, 4) for name, own in self.settling.items()},
-        }
 
 
 def phases_of(members: Mapping[str, KernelModel]) -> tuple[Phase, ...]:

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import UInt8
 
 from geoskill.control.decidability import Decidability
+from geoskill.control.sequence import Phase
 from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.features.feature_set import FeatureSet
@@ -24,7 +25,7 @@ from geoskill.skill.association import InferenceResult
 from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.decidable import decidability_of
 from geoskill.skill.definition_edit import DEFINITION, read_edit
-from geoskill.skill.phases import Phase, phases_of
+from geoskill.skill.phases import phases_of
 from geoskill.skill.pin import Pin
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
 from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill

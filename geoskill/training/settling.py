@@ -17,10 +17,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from geoskill.control.settling import Settling
 from geoskill.geometry.control_errors import error_norm
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
-from geoskill.model.settling import Settling
 from geoskill.training.error_changes import instance_goal_progress
 from geoskill.training.evidence import MUCH_PROGRESS
 from geoskill.training.selected_frames import TOP_K

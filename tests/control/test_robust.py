@@ -9,6 +9,7 @@ from geoskill.control.law import TRUST_PX, step_of
 from geoskill.control.robust import Equations, robust_weights, solved
 from geoskill.control.rows import Row
 from geoskill.control.sequence import Phase, PhaseState, advanced, weights_of
+from geoskill.control.settling import Settling
 from geoskill.control.stopping import averaging, is_growing, is_settled, near_goal
 from tests.control.small_loops import pair
 
@@ -100,7 +101,7 @@ def test_slots_learn_from_probing_moves() -> None:
 
 
 def test_phases_follow_each_other_and_come_back() -> None:
-    phases = (Phase(("l2l",), {"l2l": 6.0}), Phase(("p2p", "l2l"), {"p2p": 4.0}))
+    phases = (Phase({"l2l": Settling(0.7, 6.0, 1.0)}, ()), Phase({"p2p": Settling(0.8, 4.0, 1.0)}, ("l2l",)))
     state = PhaseState()
     assert weights_of(phases, state) == {"l2l": 1.0, "p2p": 0.1}
     for _ in range(4):
@@ -118,11 +119,6 @@ def test_phases_follow_each_other_and_come_back() -> None:
         state = advanced(phases, state, {"l2l": 25.0})
     assert state.phase == 0
     assert advanced((), PhaseState(), {"l2l": 1.0}) == PhaseState()
-
-
-def test_threshold_of_a_phase_is_positive() -> None:
-    with pytest.raises(ValueError, match=r"until.l2l=0.0: expected a positive number"):
-        Phase(("l2l",), {"l2l": 0.0})
 
 
 def test_stopping() -> None:

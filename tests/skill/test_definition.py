@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from geoskill.control.settling import Settling
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.kernel import Kernel
@@ -15,7 +16,6 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.model.settling import Settling
 from geoskill.skill.association import Association, InferenceResult, Node
 from geoskill.skill.definition import MAX_CROPPED, MAX_LISTED, TaskDefinition
 from geoskill.skill.pin import MIN_SIMILARITY, decoded_descriptor

@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
+from geoskill.control.settling import Settling
 from geoskill.geometry.primitives import NodeType
 from geoskill.kernels.l2l import LineToLine
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.model.settling import Settling
 from geoskill.skill.phases import phases_of, timeline
 
 

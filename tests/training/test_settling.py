@@ -8,6 +8,7 @@ import torch
 
 from geoskill.cli.sequences import simulated_recording
 from geoskill.config import FeaturesConfig, ScenarioConfig
+from geoskill.control.settling import Settling
 from geoskill.data.demonstration import Demonstration
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
@@ -16,7 +17,6 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
-from geoskill.model.settling import Settling
 from geoskill.skill.checkpoint import SimulatedScene
 from geoskill.skill.spec import build_skill, plan_skill
 from geoskill.tracking.motion import Part, Trajectory
