@@ -8,11 +8,13 @@ import cv2
 import jaxtyping
 import numpy as np
 import pytest
+import torch
 
 import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
 from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
-from geoskill.skill.spec import SkillSpec, plan_skill
+from geoskill.skill.checkpoint import Provenance, skill_entry, write_checkpoint
+from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording
@@ -82,6 +84,20 @@ def spec(small_model: dict[str, Any]) -> SkillSpec:
     """Return a skill of two members, p2p_sift and p2l_sift_lbd, with 10 features of a type and a top_k of 4."""
     features = FeaturesConfig(max_features=10, min_side=0, color=0.0)
     return plan_skill(["p2p", "p2l"], ["sift", "lbd"], small_model, features, top_k=4)
+
+
+@pytest.fixture(scope="session")
+def small_skill(spec: SkillSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An untrained skill of two members that says it is finished."""
+    members = build_skill(spec, seed=3).members
+    for member in members.values():
+        member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
+        member.set_reference_margin(torch.tensor(1.0))
+    provenance = Provenance(("tiles.mp4",), (160, 120), "2026-02-03", "1", 7, finished=True, epochs=(2, 2))
+    weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
+    path: Path = tmp_path_factory.mktemp("skill") / "skill.ckpt"
+    write_checkpoint(path, {"skill": skill_entry(spec, provenance, {}), "state_dict": weights})
+    return path
 
 
 @pytest.fixture(scope="session")

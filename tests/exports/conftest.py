@@ -1,12 +1,10 @@
 """A skill that selects, a camera, and the record of a frame in which everything is known."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from geoskill.control.camera_motion import constant_depth
 from geoskill.control.image_motion import ImageMotion
@@ -18,8 +16,6 @@ from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.l2l import LineToLine
 from geoskill.kernels.p2p import PointToPoint
-from geoskill.skill.checkpoint import Provenance, skill_entry, write_checkpoint
-from geoskill.skill.spec import SkillSpec, build_skill
 
 CAMERA = DepthCamera(600.0, 610.0, 318.0, 242.0)
 DEPTH_M = 0.7
@@ -60,17 +56,3 @@ def scene() -> tuple[Constraint, ...]:
         constraint(P2P, [(350.0, 390.0), (310.0, 350.0)], rank=2),
         constraint(L2L, [(100.0, 100.0, 180.0, 120.0), (110.0, 160.0, 190.0, 170.0)], member="l"),
     )
-
-
-@pytest.fixture(scope="session")
-def skill_path(spec: SkillSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An untrained skill of two members that says it is finished."""
-    members = build_skill(spec, seed=3).members
-    for member in members.values():
-        member.set_reward_scale(torch.tensor([2, 4]), torch.tensor([0.5, 0.25]))
-        member.set_reference_margin(torch.tensor(1.0))
-    provenance = Provenance(("tiles.mp4",), (160, 120), "2026-02-03", "1", 7, finished=True, epochs=(2, 2))
-    weights = {f"members.{name}.{key}": w for name, m in members.items() for key, w in m.state_dict().items()}
-    path: Path = tmp_path_factory.mktemp("skill") / "skill.ckpt"
-    write_checkpoint(path, {"skill": skill_entry(spec, provenance, {}), "state_dict": weights})
-    return path

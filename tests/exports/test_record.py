@@ -17,9 +17,9 @@ from geoskill.exports.record import NeutralRecord, frame_record, full_jacobian, 
 
 
 def test_record_of_a_frame_has_the_errors_of_the_associations(
-    skill_path: Path, demonstration_frames: Sequence[np.ndarray], motion: IntrinsicMotion
+    small_skill: Path, demonstration_frames: Sequence[np.ndarray], motion: IntrinsicMotion
 ) -> None:
-    skill = Skill.load(skill_path)
+    skill = Skill.load(small_skill)
     result = skill.infer(demonstration_frames[0])
     plain = frame_record(7, 0.25, skill, result)
     known = frame_record(7, 0.25, skill, result, motion)
@@ -76,9 +76,9 @@ def test_components_that_are_not_commanded_have_zeros() -> None:
 
 
 def test_row_of_an_uncertain_member_is_not_to_be_used(
-    skill_path: Path, demonstration_frames: Sequence[np.ndarray]
+    small_skill: Path, demonstration_frames: Sequence[np.ndarray]
 ) -> None:
-    skill = Skill.load(skill_path)
+    skill = Skill.load(small_skill)
     result = skill.infer(demonstration_frames[0])
     weights = {row["weight"] for row in frame_record(0, 0.0, skill, result)["rows"]}
     assert weights == {1.0}

@@ -50,8 +50,8 @@ def frame(picture: np.ndarray, **fields: Any) -> Request:
 
 
 @pytest.fixture(scope="module")
-def skill(skill_path: Path) -> Skill:
-    return Skill.load(skill_path)
+def skill(small_skill: Path) -> Skill:
+    return Skill.load(small_skill)
 
 
 def test_observer_publishes_rows_and_members(skill: Skill, demonstration_frames: Frames) -> None:
