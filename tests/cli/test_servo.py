@@ -69,6 +69,8 @@ def test_points_are_servoed_and_a_stopped_run_goes_on(command: Command, tmp_path
     ("arguments", "words"),
     [
         (["plant=points", "skill=a.ckpt"], ["skill=a.ckpt: plant=points has no pictures; expected plant=scene"]),
+        (["plant=points", "definition=a.yaml"], ["definition=a.yaml: plant=points has no pictures"]),
+        (["phases=some"], ["phases=some: expected learned or none"]),
         (["plant=scene", "faults=all"], ["faults=all: only plant=points has faults"]),
         (["plant=scene"], ["skill is not set"]),
         (["plant=scene", "task=video"], ["task is no simulated task"]),
