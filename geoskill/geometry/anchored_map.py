@@ -5,6 +5,7 @@ a background, however many features it has. Every map that is tried takes the an
 most of the other features agree with is taken. So the background never outvotes the thing. Nothing is drawn at random.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -51,6 +52,11 @@ class Matches:
 
     def __len__(self) -> int:
         return len(self.source)
+
+    def of_features(self, chosen: Callable[[Int[np.ndarray, " c"]], Bool[np.ndarray, " c"]]) -> "Matches":
+        """Return the matches of features that are chosen by their numbers."""
+        keep = chosen(self.feature)
+        return Matches(self.node_type, self.source[keep], self.target[keep], self.feature[keep])
 
 
 def anchored_map(anchor: Matches, others: Matches, tolerance_px: float) -> Float64[np.ndarray, "3 3"] | None:
@@ -173,10 +179,8 @@ def _support(agrees: Bool[np.ndarray, "h c"], matches: Matches) -> Int[np.ndarra
     """Return how many different places agree: features at one place, which detectors like to repeat, count once."""
     places = np.round(centers(matches.target) / 2)
     _, place = np.unique(places, axis=0, return_inverse=True)
-    count = np.zeros((len(agrees), place.max(initial=-1) + 1), bool)
-    for number in range(count.shape[1]):
-        count[:, number] = agrees[:, place == number].any(axis=1)
-    support: np.ndarray = count.sum(axis=1)
+    at_place = (place[:, None] == np.arange(place.max(initial=-1) + 1)).astype(np.float32)
+    support: np.ndarray = (agrees.astype(np.float32) @ at_place > 0).sum(axis=1)
     return support
 
 

@@ -60,32 +60,28 @@ def consensus(kernel: Kernel, listed: Sequence[Association]) -> Consensus | None
     noise = np.array([np.linalg.norm(association.goal.std) for association in known if association.goal is not None])
     slopes = _slopes(kernel, known)
 
-    def residuals(offset: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, " p"]:
-        return np.asarray(np.linalg.norm(errors - slopes @ offset, axis=1) / np.maximum(noise, 1e-9))
+    def residuals(offsets: Float64[np.ndarray, "k 2"]) -> Float64[np.ndarray, "k p"]:
+        left = errors - np.einsum("pdx,kx->kpd", slopes, offsets)
+        return np.asarray(np.linalg.norm(left, axis=2) / np.maximum(noise, 1e-9))
 
-    offset = min(
-        (_fitted(errors[list(pair)], slopes[list(pair)]) for pair in combinations(range(len(known)), 2)),
-        key=lambda candidate: float(np.median(residuals(candidate))),
-    )
+    pairs = np.array(list(combinations(range(len(known)), 2)))
+    candidates = _fitted(errors[pairs], slopes[pairs])
+    offset = candidates[[int(np.median(residuals(candidates), axis=1).argmin())]]
     weights = np.ones(len(known))
     for _ in range(ROUNDS):
-        own = residuals(offset)
+        own = residuals(offset)[0]
         weights = biweight(own, max(1.0, MAD_TO_STD * float(np.median(own))))
-        offset = _fitted(errors, slopes, weights / np.maximum(noise, 1e-9) ** 2)
+        root = np.sqrt(weights) / np.maximum(noise, 1e-9)
+        offset = _fitted((errors * root[:, None])[None], (slopes * root[:, None, None])[None])
     share = float((weights > MIN_WEIGHT).sum() / len(listed))
-    return Consensus(share, (float(offset[0]), float(offset[1])))
+    return Consensus(share, (float(offset[0, 0]), float(offset[0, 1])))
 
 
-def _fitted(
-    errors: Float64[np.ndarray, "p d"],
-    slopes: Float64[np.ndarray, "p d 2"],
-    weights: Float64[np.ndarray, " p"] | None = None,
-) -> Float64[np.ndarray, "2"]:
-    """Return the shortest of the translations with the smallest weighted squared residual."""
-    root = np.ones(len(errors)) if weights is None else np.sqrt(weights)
-    equations = (slopes * root[:, None, None]).reshape(-1, 2)
-    solution: np.ndarray = np.linalg.lstsq(equations, (errors * root[:, None]).ravel(), rcond=MIN_DETERMINED)[0]
-    return solution
+def _fitted(errors: Float64[np.ndarray, "k q d"], slopes: Float64[np.ndarray, "k q d 2"]) -> Float64[np.ndarray, "k 2"]:
+    """Return for each set of associations the shortest of the translations with the smallest squared residual."""
+    sets = len(errors)
+    inverse = np.linalg.pinv(slopes.reshape(sets, -1, 2), rcond=MIN_DETERMINED)
+    return np.asarray((inverse @ errors.reshape(sets, -1, 1))[:, :, 0])
 
 
 def _slopes(kernel: Kernel, associations: Sequence[Association]) -> Float64[np.ndarray, "p d 2"]:

@@ -11,11 +11,12 @@ error, so this holds for every kernel. Whatever cannot be told for sure has no g
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float32, Float64, Int64
 from torch import Tensor
 
 from geoskill.geometry.anchored_map import Matches, anchored_map, mapped, residuals
@@ -55,9 +56,13 @@ class GoalFinder:
     def __init__(self, member: KernelModel, graph: MotifGraph) -> None:
         self._member, self._reference = member, member.goal
         self._maps: dict[int, Float64[np.ndarray, "3 3"] | None] = {}
+        self._distinct: list[Float64[np.ndarray, "3 3"]] = []
         self._descriptors = {kind: _array(rows) for kind, rows in member.attribute(graph, "descriptor").items()}
         self._geometry = {kind: _array(rows) for kind, rows in member.attribute(graph, "geometry").items()}
         self._matches: dict[NodeType, Matches] = {}
+        self._stored: dict[int, _StoredEnds] = {}
+        self._ends: dict[tuple[int, int], Float64[np.ndarray, " g"] | None] = {}
+        self._usual_px: dict[int, float] = {}
 
     def goals(
         self, features: Sequence[Sequence[int]], nodes: Sequence[Sequence[Node]], axis: Float[Tensor, "2"]
@@ -104,36 +109,39 @@ class GoalFinder:
 
     def _is_near(self, node: int, place: Float64[np.ndarray, "1 g"], resting: Node) -> bool:
         """Return whether a goal is about as far from the resting node as it was in the demonstration."""
-        moving = self._reference.moving.tolist()
-        ends = [centers(_array(self._reference.node(own)[1])) for own in (node, moving.index(False))]
-        usual = float(np.quantile(np.linalg.norm(ends[0] - ends[1], axis=1), 0.95))
+        if node not in self._usual_px:
+            other = self._reference.moving.tolist().index(False)
+            ends = [centers(_array(self._reference.node(own)[1])) for own in (node, other)]
+            self._usual_px[node] = float(np.quantile(np.linalg.norm(ends[0] - ends[1], axis=1), 0.95))
         distance = float(np.linalg.norm(centers(place)[0] - resting.center))
-        return distance <= MAX_STRETCH * usual + TOLERANCE_PX
+        return distance <= MAX_STRETCH * self._usual_px[node] + TOLERANCE_PX
 
     def _map(self, node: int, feature: int) -> Float64[np.ndarray, "3 3"] | None:
         """Return the map from the demonstration's end to this frame, anchored at a resting node."""
         kind = self._member.kernel.roles[node]
-        anchor = self._possible(kind, np.array([feature]))
+        anchor = self._possible(kind).of_features(lambda own: own == feature)
         if len(anchor) == 0:
             return None
         if kind not in (NodeType.POINT, NodeType.LINE):  # of a plane or an ellipse, the center is its anchor
             anchor = Matches(NodeType.POINT, centers(anchor.source), centers(anchor.target), anchor.feature)
-        for known in self._maps.values():  # nodes of one thing have one map
-            if known is not None and residuals(known[None], anchor).min() <= TOLERANCE_PX:
-                return known
+        if self._distinct:  # nodes of one thing have one map
+            agree = residuals(np.stack(self._distinct), anchor).min(axis=1) <= TOLERANCE_PX
+            if agree.any():
+                return self._distinct[int(agree.argmax())]
         around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
-        if around not in self._matches:
-            self._matches[around] = self._possible(around, np.arange(len(self._geometry[around])))
-        others = self._matches[around]
+        others = self._possible(around)
         if kind is around:
-            keep = others.feature != feature
-            others = Matches(around, others.source[keep], others.target[keep], others.feature[keep])
-        if kind is not around:  # every pair of points is tried, so the nearest have to do
+            others = others.of_features(lambda own: own != feature)
+        else:  # every pair of points is tried, so the nearest have to do
             distance = np.linalg.norm(centers(others.source) - centers(anchor.source[:1]), axis=1)
             near = np.argsort(distance, kind="stable")[:40]
             others = Matches(around, others.source[near], others.target[near], others.feature[near])
         found = anchored_map(anchor, others, TOLERANCE_PX)
-        return found if found is not None else self._shift(kind, feature, anchor)
+        if found is None:
+            found = self._shift(kind, feature, anchor)
+        if found is not None:
+            self._distinct.append(found)
+        return found
 
     def _shift(self, kind: NodeType, feature: int, anchor: Matches) -> Float64[np.ndarray, "3 3"] | None:
         """Return the shift of the anchor alone, where it is a point that looks like one stored feature only."""
@@ -151,43 +159,63 @@ class GoalFinder:
         shift[:2, 2] = anchor.target[0] - centers(ends[best : best + 1])[0]
         return shift
 
-    def _possible(self, kind: NodeType, features: np.ndarray) -> Matches:
+    def _possible(self, kind: NodeType) -> Matches:
         """Return the stored features around the target that present ones may be, the most similar ones of each."""
-        stored, ends = (_array(rows) for rows in self._reference.surroundings(kind))
-        if len(stored) == 0:
-            width = kind.geometry_dim
-            return Matches(kind, np.zeros((0, width)), np.zeros((0, width)), np.zeros(0, np.int64))
-        difference = descriptor_differences(self._descriptors[kind][features], stored)
-        best = np.argsort(difference, axis=1, kind="stable")[:, :MAX_CANDIDATES]
-        row, column = np.nonzero(np.take_along_axis(difference, best, axis=1) <= self._reference.similar(kind))
-        source, target = ends[best[row, column]], self._geometry[kind][features[row]]
-        return Matches(kind, source.astype(np.float64), target.astype(np.float64), features[row])
+        if kind not in self._matches:
+            stored, ends = (_array(rows) for rows in self._reference.surroundings(kind))
+            difference = descriptor_differences(self._descriptors[kind], stored)
+            best = _smallest(difference, MAX_CANDIDATES)
+            row, column = np.nonzero(np.take_along_axis(difference, best, axis=1) <= self._reference.similar(kind))
+            source, target = ends[best[row, column]], self._geometry[kind][row]
+            self._matches[kind] = Matches(kind, source.astype(np.float64), target.astype(np.float64), row)
+        return self._matches[kind]
 
     def _end(self, node: int, features: Sequence[int]) -> Float64[np.ndarray, " g"] | None:
         """Return where a moving node lay at the end of the demonstration; None where look-alikes lay elsewhere."""
-        kind = self._member.kernel.roles[node]
-        similar = self._reference.similar(kind)
-        selected, selected_ends = self._reference.node(node)
-        carried, carried_ends = self._reference.carried(kind)
-        ends = np.concatenate([_array(selected_ends), _array(carried_ends).reshape(-1, kind.geometry_dim)])
-        own = self._differences(kind, features[node], selected)
-        if len(carried):
-            own = np.concatenate([own, self._differences(kind, features[node], carried)])
+        kind, feature = self._member.kernel.roles[node], features[node]
+        similar, stored = self._reference.similar(kind), self._stored_ends(node)
+        own = stored.difference[feature]
         candidates = own <= min(similar, float(own.min()) + LOOK_ALIKE_SHARE * similar)
-        end = _agreed(kind, ends[candidates], own[candidates])
+        if (node, feature) not in self._ends:
+            self._ends[node, feature] = _agreed(kind, stored.ends[candidates], own[candidates])
+        end = self._ends[node, feature]
         if end is None:  # the partner tells look-alikes apart
-            candidates = candidates[: len(selected)]
+            candidates = candidates[: stored.selected]
             for other, other_kind in enumerate(self._member.kernel.roles):
                 if other != node:
-                    difference = self._differences(other_kind, features[other], self._reference.node(other)[0])
+                    difference = self._stored_ends(other).difference[features[other], : stored.selected]
                     candidates = candidates & (difference <= self._reference.similar(other_kind))
             rows = np.flatnonzero(candidates)
-            end = _agreed(kind, ends[rows], own[rows])
+            end = _agreed(kind, stored.ends[rows], own[rows])
         return end
 
-    def _differences(self, kind: NodeType, feature: int, stored: Float[Tensor, "r d"]) -> Float32[np.ndarray, " r"]:
-        differences: np.ndarray = descriptor_differences(self._descriptors[kind][[feature]], _array(stored))[0]
-        return differences
+    def _stored_ends(self, node: int) -> "_StoredEnds":
+        if node not in self._stored:
+            kind = self._member.kernel.roles[node]
+            descriptors, ends = zip(self._reference.node(node), self._reference.carried(kind), strict=True)
+            known = np.concatenate([_array(rows).reshape(-1, self._descriptors[kind].shape[1]) for rows in descriptors])
+            self._stored[node] = _StoredEnds(
+                np.concatenate([_array(rows).reshape(-1, kind.geometry_dim) for rows in ends]),
+                descriptor_differences(self._descriptors[kind], known),
+                len(descriptors[0]),
+            )
+        return self._stored[node]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _StoredEnds:
+    """Where the features that a node of the demonstration was, or may be, lay at its end.
+
+    Attributes:
+        ends: ``[r, g]``, those of the selected features first, in their order, then of others of the carried thing.
+        difference: ``[n, r]`` of each descriptor of the frame from each of theirs.
+        selected: number of the selected features.
+    """
+
+    ends: Float32[np.ndarray, "r g"]
+    difference: Float32[np.ndarray, "n r"]
+    selected: int
 
 
 def _agreed(
@@ -211,6 +239,15 @@ def descriptor_differences(
 ) -> Float32[np.ndarray, "n m"]:
     """Return the distances between descriptors of unit norm, from 0 to 2."""
     return np.asarray(np.sqrt(np.maximum(0.0, 2.0 - 2.0 * first @ second.T)), np.float32)
+
+
+def _smallest(values: Float32[np.ndarray, "n m"], count: int) -> Int64[np.ndarray, "n k"]:
+    """Return the columns of the smallest values of each row, in their order; all columns where there are no more."""
+    chosen = np.arange(values.shape[1])[None].repeat(len(values), axis=0)
+    if values.shape[1] > count:  # there may be a thousand
+        chosen = np.sort(np.argpartition(values, count - 1, axis=1)[:, :count], axis=1)
+    order = np.argsort(np.take_along_axis(values, chosen, axis=1), axis=1, kind="stable")
+    return np.asarray(np.take_along_axis(chosen, order, axis=1))
 
 
 def goals_of(
