@@ -14,6 +14,9 @@ from geoskill.io.orientation import shown
 VIDEO_TYPES = "mp4, mov, avi, webm, mkv or whatever else PyAV reads"
 # FFmpeg's names of formats that it takes for videos, and that are texts drawn as pictures, or single pictures.
 TEXTS = ("tty", "bin", "xbin", "adf", "idf")
+# A video that is damaged for longer is broken, and so is one of which as much is missing and more than this share.
+MAX_DAMAGED_S = 1.0
+MAX_MISSING_SHARE = 0.1
 # Packets from whose times the frame rate is estimated where the file does not say it.
 PACKETS_FOR_RATE = 100
 
@@ -76,15 +79,17 @@ def decoded_frames(
         frame_rate: nominal frames per second.
         whole: whether it states its duration, so that one which ends earlier is incomplete.
         start_s: stored time that counts as 0; None for that of the first frame.
-        strict: refuse what otherwise is counted and said: errors that the decoder makes up for, and missing frames.
+        strict: refuse what otherwise is counted and said: damaged frames, errors that the decoder makes up for, and
+            missing frames.
 
     Raises:
-        InputError: where the video is damaged or cut off, changes its size, or has no frame.
+        InputError: where the video is cut off, or damaged for more than :data:`MAX_DAMAGED_S`, changes its size, or has
+            no frame.
     """
     stream = video_stream(container, name)
     # Messages are attributed to the thread that they come from.
     stream.thread_type, stream.codec_context.thread_count = "NONE", 1
-    damage = Damage(name, strict)
+    damage = Damage(name, strict, most_in_a_row=max(1, round(frame_rate * MAX_DAMAGED_S)))
     index = 0
     first_shape: tuple[int, ...] | None = None
     end_s = -math.inf
@@ -96,15 +101,10 @@ def decoded_frames(
                 packet = next(packets, None)
             if packet is None:
                 break
-            if packet.is_corrupt:
-                raise _broken(name, index, "the data are damaged or cut off")
             if packet.pts is not None and packet.time_base is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            with damage.watched(index):
-                pictures = stream.decode(packet) if packet.stream.index == stream.index else []
-            for decoded in pictures:
-                if decoded.is_corrupt:
-                    raise _broken(name, index, "the frame is damaged")
+            for decoded in _pictures(stream, packet, damage, index):
+                damage.take_in(index, "the frame is damaged" if decoded.is_corrupt else None)
                 image = shown(decoded)
                 first_shape = first_shape or image.shape
                 if image.shape != first_shape:
@@ -123,10 +123,26 @@ def decoded_frames(
     if index == 0:
         raise InputError(f"{name}: the video is empty; expected at least one frame that can be decoded")
     duration_s, missing_s = _missing(container, end_s)
-    if whole and missing_s > max(1.0, 0.1 * duration_s):
+    if whole and missing_s > max(MAX_DAMAGED_S, MAX_MISSING_SHARE * duration_s):
         raise _broken(name, index, f"{missing_s:.1f} of {duration_s:.1f} s are missing at the end")
     missing = stream.frames - index if stream.frames else int(missing_s * frame_rate - 0.5)
+    if whole and missing > max(MAX_DAMAGED_S * frame_rate, MAX_MISSING_SHARE * (index + missing)):
+        raise _broken(name, index, f"{missing} of {index + missing} frames are missing at the end")
     damage.conclude(missing if whole else 0, index)
+
+
+def _pictures(
+    stream: av.VideoStream, packet: "av.Packet[av.stream.Stream]", damage: Damage, index: int
+) -> list[av.VideoFrame]:
+    """Return the pictures in a packet; none where it is one of another stream, or cannot be decoded."""
+    if packet.stream.index != stream.index:
+        return []
+    try:
+        with damage.watched(index):
+            return stream.decode(packet)
+    except av.error.InvalidDataError as error:
+        damage.take_in(index, f"cannot be decoded ({error.strerror})")
+        return []
 
 
 def _missing(container: av.container.InputContainer, end_s: float) -> tuple[float, float]:

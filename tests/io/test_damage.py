@@ -4,6 +4,7 @@ import re
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from geoskill.errors import InputError
@@ -42,6 +43,36 @@ def test_end_that_is_cut_off_by_less_than_a_second(tmp_path: Path, suffix: str) 
     for _ in range(2):  # the second reading reports the same as the first
         with pytest.raises(InputError, match=rf"^{path}: .*; expected a video without damage, or strict_video=false"):
             list(VideoFile(path, strict=True))
+
+
+def overwritten(path: Path, share: float) -> Path:
+    """Return a video with a part of its pictures, from its middle on, overwritten by noise."""
+    data = bytearray(path.read_bytes())
+    start, size = len(data) // 2, int(share * len(data))
+    data[start : start + size] = np.random.default_rng(1).bytes(size)
+    path.write_bytes(data)
+    return path
+
+
+def test_damaged_moment_is_said_and_refused_strictly(tmp_path: Path) -> None:
+    path = overwritten(write_video(tmp_path / "bad.mp4", noise(40)), 0.02)
+    frames, messages = said(path)
+    assert 37 <= frames <= 40
+    assert len(messages) == 2
+    assert re.search(r" frame\(s\) are damaged,.* the first at frame (1[89]|2[0-3]): ", messages[0])
+    with pytest.raises(InputError, match=rf"^{path}: frame (1[89]|2[0-3]): .*; expected a video without damage"):
+        list(VideoFile(path, strict=True))
+
+
+def test_longer_damage_breaks_a_video(tmp_path: Path) -> None:
+    """Of the ten frames of a second, and a few more."""
+    path = overwritten(write_video(tmp_path / "bad.mp4", noise(40)), 0.4)
+    read = []
+    with pytest.raises(
+        InputError, match=r"bad\.mp4: the video breaks at frame \d+: (cannot be decoded|the frame is damaged)"
+    ):
+        read.extend(VideoFile(path))
+    assert 15 < len(read) < 35
 
 
 def test_unknown_coding_is_refused(tmp_path: Path) -> None:
