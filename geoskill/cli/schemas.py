@@ -47,7 +47,7 @@ def _frame_rate() -> Any:
 def _strict_video() -> Any:
     return setting(
         False,
-        "Refuse a video with damaged or missing frames, or errors that its decoder makes up for; otherwise they are said.",
+        "Refuse a video with damaged or missing frames, or errors that its decoder makes up for; else they are said.",
     )
 
 
