@@ -15,40 +15,12 @@ import numpy as np
 from jaxtyping import Float64
 
 from geoskill.control.action import UPRIGHT, Dof
-from geoskill.control.camera_motion import cross_matrices, point_jacobians
 from geoskill.control.free_motions import name_free_motions, name_of, null_space
-from geoskill.control.rows import error_gradients, unit_of
-from geoskill.geometry.camera import PinholeCamera, project
-from geoskill.geometry.uncertainty import DETECTION_STD_PX
-from geoskill.kernels.kernel import Kernel
+from geoskill.control.placed import COPLANAR, SCALE, Placed, picture_rows, space_rows
+from geoskill.geometry.camera import PinholeCamera
 
-SCALE: Final = np.array([0.01] * 3 + [np.radians(10.0)] * 3)
-"""Columns are per centimeter and per ten degrees, so that singular values can be compared."""
-SPACE_STD_M: Final = 0.002
-"""Noise of a point measured with depth at half a meter."""
 WEAK_MM: Final = 10.0
 WEAK_DEG: Final = 5.0
-COPLANAR: Final = "copl"
-
-Points3 = Float64[np.ndarray, "_ 3"]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """A constraint with its nodes in space.
-
-    Attributes:
-        kernel: gives the error in pictures; None for one that says nothing in a picture.
-        name: of the kernel.
-        nodes: a point, or the two ends of a segment, of each node, meters.
-        carried: which nodes move with the actor.
-    """
-
-    kernel: Kernel | None
-    name: str
-    nodes: tuple[Points3, ...]
-    carried: tuple[bool, ...]
 
 
 @final
@@ -131,7 +103,7 @@ def decidability(placed: Sequence[Placed], cameras: tuple[PinholeCamera, Pinhole
     """
     if not placed:
         raise ValueError("no constraint; expected at least one")
-    grip = np.mean(np.concatenate([own.nodes[node] for own in placed for node in _carried(own)]), axis=0)
+    grip = np.mean(np.concatenate([own.nodes[node] for own in placed for node in own.moving]), axis=0)
     views = [picture_rows(placed, camera, grip) for camera in cameras]
     space = space_rows(placed, grip)
     directions, points = _names(placed, cameras[0])
@@ -147,35 +119,6 @@ def decidability(placed: Sequence[Placed], cameras: tuple[PinholeCamera, Pinhole
         (int(ranks[0] or 0), int(ranks[1] or 0), ranks[2]),
         statement_on(placed, rank_of(views[0])),
     )
-
-
-def picture_rows(
-    placed: Sequence[Placed], camera: PinholeCamera, grip: Float64[np.ndarray, "3"]
-) -> Float64[np.ndarray, "r 6"]:
-    """Return the rows of constraints in a picture with respect to the twist, over noise and per unit of scale."""
-    rows = [np.zeros((0, 6))]
-    for own in placed:
-        if own.kernel is None:
-            continue
-        pixels = [project(camera, node)[0].reshape(1, -1) for node in own.nodes]
-        _, gradients = error_gradients(own.kernel, pixels)
-        moved = np.zeros((own.kernel.error_dim, 6))
-        for node in _carried(own):
-            jacobian = point_jacobians(camera, own.nodes[node], grip).reshape(-1, 6)
-            moved += gradients[node][0] @ jacobian
-        noise = DETECTION_STD_PX if own.kernel.unit == "px" else unit_of(own.kernel)
-        rows.append(moved / noise * SCALE)
-    return np.concatenate(rows)
-
-
-def space_rows(placed: Sequence[Placed], grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "r 6"] | None:
-    """Return the rows of constraints in space, to first order at a goal; None for a kernel without meaning in space."""
-    rows = [np.zeros((0, 6))]
-    for own in placed:
-        if own.name not in SPACE:
-            return None
-        rows.append(SPACE[own.name](own, grip) / SPACE_STD_M * SCALE)
-    return np.concatenate(rows)
 
 
 def rank_of(rows: Float64[np.ndarray, "r c"]) -> int:
@@ -242,10 +185,6 @@ def statement_on(placed: Sequence[Placed], rank: int) -> str:
     return "; ".join([first, *notes])
 
 
-def _carried(own: Placed) -> list[int]:
-    return [node for node, carried in enumerate(own.carried) if carried]
-
-
 def _names(
     placed: Sequence[Placed], camera: PinholeCamera
 ) -> tuple[dict[str, Float64[np.ndarray, "3"]], dict[str, Float64[np.ndarray, "3"]]]:
@@ -272,63 +211,3 @@ def _weak_name(twist: Float64[np.ndarray, "6"], directions: Mapping[str, Float64
     if np.linalg.norm(shift) / SCALE[0] >= np.linalg.norm(turn) / SCALE[3]:
         return name_of(shift, {"the line of sight": directions["the line of sight"], **directions})
     return f"turn about {name_of(turn, directions)}"
-
-
-def _across(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
-    unit = direction / np.linalg.norm(direction)
-    return np.asarray(np.eye(3) - np.outer(unit, unit))
-
-
-def _moves(point: Float64[np.ndarray, "3"], grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 6"]:
-    """Return the velocity of a point of the carried thing as a function of the twist."""
-    return np.concatenate([np.eye(3), -cross_matrices((point - grip)[None])[0]], axis=1)
-
-
-def _line_of(own: Placed) -> Points3:
-    return next(node for node in own.nodes if len(node) == 2)
-
-
-def _point_rows(own: Placed, grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "_ 6"]:
-    return _moves(own.nodes[0][0], grip)
-
-
-def _point_on_line_rows(own: Placed, grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "_ 6"]:
-    # Whichever of the two moves, what counts is their relative motion at the point.
-    point = next(node for node in own.nodes if len(node) == 1)[0]
-    line = _line_of(own)
-    return np.asarray(_across(line[1] - line[0]) @ _moves(point, grip))
-
-
-def _collinear_rows(own: Placed, grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "_ 6"]:
-    line = own.nodes[_carried(own)[0]]
-    across = _across(line[1] - line[0])
-    return np.concatenate([across @ _moves(end, grip) for end in line])
-
-
-def _parallel_rows(own: Placed, grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "_ 6"]:
-    line = own.nodes[_carried(own)[0]]
-    length = float(np.linalg.norm(line[1] - line[0]))
-    return np.concatenate([np.zeros((3, 3)), _across(line[1] - line[0]) * length], axis=1)
-
-
-def _coplanar_rows(own: Placed, grip: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "_ 6"]:
-    """Return the row of four points in one plane: each moves out of it by its height over the others' triangle."""
-    points = np.concatenate(own.nodes)
-    row = np.zeros((1, 6))
-    normal = np.cross(points[1] - points[0], points[2] - points[0])
-    normal = normal / np.linalg.norm(normal)
-    for node in _carried(own):
-        others = [points[index] for index in range(len(points)) if index != node]
-        area = np.cross(others[1] - others[0], others[2] - others[0]) @ normal
-        row += (-1) ** node * area * (normal @ _moves(points[node], grip))[None]
-    return row / max(float(np.abs(row[0, :3]).max()), 1e-12)
-
-
-SPACE: Final = {
-    "p2p": _point_rows,
-    "p2l": _point_on_line_rows,
-    "l2l": _collinear_rows,
-    "par": _parallel_rows,
-    COPLANAR: _coplanar_rows,
-}
-"""Rows in space by the kernel's name."""

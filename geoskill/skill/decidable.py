@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float64
 
-from geoskill.control.decidability import Decidability, Placed, decidability
+from geoskill.control.decidability import Decidability, decidability
+from geoskill.control.placed import Placed
 from geoskill.control.rows import error_gradients
 from geoskill.geometry.camera import PinholeCamera, focal_length_px, look_at
 from geoskill.kernels.kernel import Kernel

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 
 from geoskill.control.action import UPRIGHT, Dof
-from geoskill.control.decidability import (
-    Decidability,
-    Placed,
-    decidability,
-    picture_rows,
-    rank_of,
-    space_rows,
-)
+from geoskill.control.decidability import Decidability, decidability, rank_of
+from geoskill.control.placed import Placed, picture_rows, space_rows
 from geoskill.control.points_plant import points_cameras
 from geoskill.geometry.poses import rotation_about
 from tests.control.small_loops import L2L, P2L, P2P, PAR
