@@ -13,8 +13,10 @@ import torch
 import geoskill.simulation  # noqa: F401  # before anything imports MuJoCo, which then decides how it renders
 from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance, skill_entry, write_checkpoint
-from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
+from geoskill.skill.spec import SkillSpec
 
 if TYPE_CHECKING:
     from geoskill.simulation.recording import Recording

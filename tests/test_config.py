@@ -35,7 +35,7 @@ from geoskill.config import (
 from geoskill.errors import InputError
 from geoskill.plugins import SCORERS
 from geoskill.schema import as_plain, check_value, default_of, flatten, settings_of
-from geoskill.skill.spec import plan_skill
+from geoskill.skill.plan import plan_skill
 
 SOURCE = Path(geoskill.__path__[0])
 SCHEMAS = [

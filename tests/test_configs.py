@@ -30,7 +30,7 @@ from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, REGISTRIES, SCORERS, TASKS
 from geoskill.schema import as_plain
 from geoskill.simulation.tasks.task import Task
-from geoskill.skill.spec import ONLY_DESCRIPTOR
+from geoskill.skill.plan import ONLY_DESCRIPTOR
 from geoskill.training.trainer import build_optimizer
 
 SCHEMAS = {**schemas.COMMANDS, "pipeline": PipelineConfig, "benchmark": BenchmarkConfig, "waiting": WaitingConfig}

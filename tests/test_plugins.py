@@ -29,8 +29,10 @@ from geoskill.kernels.kernel import Kernel
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.scorer import InstanceScorer, Motif
 from geoskill.plugins import EXTRACTORS, KERNELS, REGISTRIES, SCORERS, TASKS, Registry, code_identity
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import read_skill
-from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.testing import check_extractor, check_kernel, check_scorer
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -13,9 +13,10 @@ from geoskill.cli.schemas import COMMANDS, markdown_reference
 from geoskill.config import DemonstrationConfig, InferenceConfig, SelectionConfig, TrainConfig
 from geoskill.errors import InputError
 from geoskill.schema import Config, as_plain, flatten
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.training.prepare import prepare
 from geoskill.tuning import CoMotionConfig, NegativesConfig, TemporalFilterConfig, TrajectoryConfig
 

@@ -19,8 +19,10 @@ from geoskill.data.transitions import Transition, Transitions
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance
-from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.training.callbacks import MetricsTable, ResumableCheckpoint, SkillRecord
 from geoskill.training.error_changes import fit_reward_scale
 from geoskill.training.module import SkillTraining

@@ -23,7 +23,7 @@ def measure(config: PipelineConfig, run: Run) -> None:
     from geoskill.benchmarks.machine import check_run
     from geoskill.benchmarks.stages import Stages
     from geoskill.cli.inputs import use_threads
-    from geoskill.skill.spec import plan_skill
+    from geoskill.skill.plan import plan_skill
     from geoskill.training.quiet import quiet_libraries
 
     check_run(config.repeats, config.device)

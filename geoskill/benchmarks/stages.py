@@ -15,9 +15,10 @@ from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.io.frames import Frame, FrameSource
 from geoskill.io.prefetch import prefetch_map
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.skill.temporal_filter import TemporalFilter
 
 # The workload that the others are compared with.

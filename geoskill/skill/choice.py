@@ -9,7 +9,8 @@ from geoskill.errors import InputError, shown
 from geoskill.plugins import EXTRACTORS, KERNELS
 from geoskill.schema import as_plain
 from geoskill.skill.plain import mapping_of, text_of
-from geoskill.skill.spec import SkillSpec, named_parts, plan_skill
+from geoskill.skill.plan import named_parts, plan_skill
+from geoskill.skill.spec import SkillSpec
 
 CANDIDATES: Final = ("p2p", "l2l", "p2l", "par")
 """Kernels between what the pictures of one camera show."""
@@ -72,7 +73,7 @@ def is_auto(kernel: object) -> bool:
 def plan_candidates(descriptor: object, model: object, features: FeaturesConfig, top_k: int) -> SkillSpec:
     """Return the specification with one member for every candidate and every descriptor that fits its nodes.
 
-    The arguments and errors are those of :func:`~geoskill.skill.spec.plan_skill`. Candidates with nodes that nothing
+    The arguments and errors are those of :func:`~geoskill.skill.plan.plan_skill`. Candidates with nodes that nothing
     describes are left out.
     """
     described = {

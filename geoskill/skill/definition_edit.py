@@ -14,9 +14,10 @@ from typing import Final, final
 from geoskill.errors import InputError, shown
 from geoskill.io.marked_yaml import Marked, read_marked_yaml
 from geoskill.model.kernel_model import KernelModel
+from geoskill.skill.build import SkillComponents
 from geoskill.skill.member_status import MemberStatus
 from geoskill.skill.pin import Pin, decoded_descriptor
-from geoskill.skill.spec import SkillComponents, SkillSpec
+from geoskill.skill.spec import SkillSpec
 
 DEFINITION: Final = "skill.yaml"
 EDITING: Final = """\

@@ -18,8 +18,8 @@ from geoskill.errors import InputError
 from geoskill.features.feature_set import FeatureSet
 from geoskill.geometry.primitives import NodeType
 from geoskill.skill.association import Association, InferenceResult, NodeRole
+from geoskill.skill.build import SkillComponents
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillComponents
 from geoskill.skill.temporal_filter import TemporalFilter
 from geoskill.tracking.flow import track_sparse
 from geoskill.tuning import TemporalFilterConfig

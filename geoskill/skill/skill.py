@@ -22,13 +22,14 @@ from geoskill.model.evidence import Evidence
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.message_passing import MessagePassing
 from geoskill.skill.association import InferenceResult
+from geoskill.skill.build import SkillComponents, build_skill
 from geoskill.skill.checkpoint import MAX_MESSAGE, Provenance, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.decidable import decidability_of
 from geoskill.skill.definition_edit import DEFINITION, read_edit
 from geoskill.skill.phases import phases_of
 from geoskill.skill.pin import Pin
 from geoskill.skill.scored_frame import ScoredFrame, ScoredInstances
-from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.skill.weights import require_fit
 
 

@@ -10,7 +10,8 @@ from geoskill.errors import InputError, shown
 from geoskill.features.pipeline import FeaturePipeline
 from geoskill.kernels.kernel import node_dim
 from geoskill.model.kernel_model import KernelModel
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.spec import SkillSpec
 
 # Fitted to a demonstration, which decides how long they are.
 STATISTICS = ("spans", "beta", "node_order", "evidence_values", "settling_values")

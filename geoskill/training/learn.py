@@ -20,10 +20,12 @@ from geoskill.errors import InputError
 from geoskill.features.cache import FeatureCache
 from geoskill.io.prefetch import Progress
 from geoskill.schema import as_plain
+from geoskill.skill.build import SkillComponents, build_skill
 from geoskill.skill.checkpoint import SimulatedScene, StoredSkill, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.choice import is_auto, only, plan_candidates
+from geoskill.skill.plan import plan_skill
 from geoskill.skill.skill import Skill, build_stored
-from geoskill.skill.spec import SkillComponents, SkillSpec, build_skill, plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.skill.weights import require_finite
 from geoskill.training.calibration import calibrate
 from geoskill.training.callbacks import MetricsTable, SkillRecord

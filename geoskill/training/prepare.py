@@ -18,8 +18,8 @@ from geoskill.io.kept_frames import Depths, Pictures
 from geoskill.io.prefetch import Progress
 from geoskill.io.sources import is_live, open_frames, read_all
 from geoskill.schema import as_plain
+from geoskill.skill.build import SkillComponents
 from geoskill.skill.checkpoint import Provenance, SimulatedScene
-from geoskill.skill.spec import SkillComponents
 
 Source = str | Path | FrameSource | np.ndarray | Sequence[np.ndarray]
 """A path, an opened source, or RGB pictures: an array ``[T, H, W, 3]`` or a sequence of ``[H, W, 3]``, uint8."""

@@ -12,7 +12,8 @@ from geoskill.data.demonstration import Demonstration, time_spans
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
 from geoskill.io.prefetch import Progress
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.tracking.flow import track_between
 from geoskill.tuning import NegativesConfig, TrajectoryConfig
 

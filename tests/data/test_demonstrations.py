@@ -9,7 +9,8 @@ from geoskill.data.demonstration import Demonstration
 from geoskill.data.demonstrations import Demonstrations
 from geoskill.geometry.primitives import NodeType
 from geoskill.objective.reward import beta_from_changes
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.training.error_changes import error_changes, fit_reward_scale
 
 MEMBER = "p2p_sift"

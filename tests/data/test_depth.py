@@ -11,7 +11,8 @@ from geoskill.features.pipeline import FeaturePipeline
 from geoskill.features.sift import Sift
 from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.geometry.depth_picture import DepthPicture
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.plan import plan_skill
 from geoskill.training.error_changes import error_changes
 
 CAMERA = DepthCamera(100.0, 100.0, 79.5, 59.5)

@@ -12,7 +12,8 @@ from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
 from geoskill.features.learned_weights import DIGEST
 from geoskill.plugins import EXTRACTORS
-from geoskill.skill.spec import SkillSpec, plan_skill
+from geoskill.skill.plan import plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.testing import check_extractor
 
 kornia = pytest.importorskip("kornia")

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 import torch
 
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance, skill_entry
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.spec import SkillSpec
 
 
 @pytest.fixture(scope="session")

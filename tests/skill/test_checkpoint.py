@@ -14,9 +14,10 @@ from geoskill.config import ScenarioConfig
 from geoskill.errors import InputError
 from geoskill.features.preference import FeaturePreference
 from geoskill.schema import as_plain
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance, SimulatedScene, read_skill, skill_entry, write_checkpoint
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.spec import SkillSpec
 
 SCENE = SimulatedScene("sorting", 3, ScenarioConfig(actor="robot", severity=0.5))
 

@@ -12,11 +12,11 @@ import yaml
 
 from geoskill.errors import InputError
 from geoskill.geometry.primitives import NodeType
+from geoskill.skill.build import SkillComponents
 from geoskill.skill.definition import TaskDefinition
 from geoskill.skill.definition_edit import EDITING, read_edit
 from geoskill.skill.pin import MIN_SIMILARITY, Pin
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillComponents
 from geoskill.skill.temporal_filter import TemporalFilter
 
 POINT = NodeType.POINT

@@ -8,8 +8,9 @@ from geoskill.geometry.ellipses import ellipse_of_axes
 from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.skill.association import Node
+from geoskill.skill.build import build_skill
 from geoskill.skill.goal import GoalFinder
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
 
 POINT, CONIC = NodeType.POINT, NodeType.CONIC
 

@@ -13,8 +13,9 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Goal, Node
+from geoskill.skill.build import build_skill
 from geoskill.skill.goal_in_space import SpaceGoalFinder, goal_in_space, moved_goal
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
 
 POINT = NodeType.POINT
 CAMERA = DepthCamera(600.0, 600.0, 319.5, 239.5)

@@ -12,9 +12,10 @@ from geoskill.errors import InputError
 from geoskill.geometry.depth_camera import DepthCamera
 from geoskill.geometry.depth_picture import DepthPicture
 from geoskill.geometry.primitives import NodeType
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance
+from geoskill.skill.plan import plan_skill
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import build_skill, plan_skill
 from geoskill.skill.temporal_filter import TemporalFilter
 
 

@@ -16,9 +16,11 @@ import torch
 from geoskill import Skill as PublicSkill
 from geoskill.config import FeaturesConfig
 from geoskill.errors import InputError
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import Provenance, read_skill, skill_entry
+from geoskill.skill.plan import plan_skill
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillSpec, build_skill, plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.skill.temporal_filter import TemporalFilter
 
 

@@ -21,7 +21,9 @@ from geoskill.kernels.p2l import PointToLine
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.message_passing import MessagePassing
-from geoskill.skill.spec import FORMAT, MemberSpec, Part, SkillSpec, build_skill, plan_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.plan import plan_skill
+from geoskill.skill.spec import FORMAT, MemberSpec, Part, SkillSpec
 
 FEATURES = FeaturesConfig(max_features=9, min_side=33, color=0.0)
 MODEL = {"name": "bilinear", "hidden_dim": 4}

@@ -15,10 +15,12 @@ from geoskill.geometry.primitives import NodeType
 from geoskill.graphs.motif_graph import MotifGraph, motif_graph
 from geoskill.model.kernel_model import KernelModel
 from geoskill.skill.association import Association, NodeRole
+from geoskill.skill.build import SkillComponents
 from geoskill.skill.checkpoint import Provenance
+from geoskill.skill.plan import plan_skill
 from geoskill.skill.scored_frame import ScoredInstances
 from geoskill.skill.skill import Skill
-from geoskill.skill.spec import SkillComponents, SkillSpec, plan_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.training.error_changes import fit_reward_scale, instance_goal_progress
 from geoskill.training.goal_reference import fit_goal_reference
 from geoskill.training.node_order import fit_node_order

@@ -21,7 +21,8 @@ from geoskill.graphs.motif_graph import MotifGraph, with_instances
 from geoskill.io.disk_cache import DiskCache
 from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.message_passing import MessagePassing
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.plan import plan_skill
 from geoskill.training.prepare import prepare
 from geoskill.training.statistics import fit_statistics
 from geoskill.tuning import NegativesConfig

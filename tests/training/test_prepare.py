@@ -11,7 +11,8 @@ import torch
 from geoskill.config import DemonstrationConfig, TrainConfig
 from geoskill.data.demonstrations import Demonstrations
 from geoskill.io import kept_frames
-from geoskill.skill.spec import SkillSpec, build_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.spec import SkillSpec
 from geoskill.tracking import neighbor_flows
 from geoskill.training.prepare import prepare
 
@@ -46,7 +47,8 @@ import lightning
 from geoskill.config import TrainConfig
 from geoskill.io import kept_frames
 from geoskill.io.frames import Frame, FrameSource
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.build import build_skill
+from geoskill.skill.plan import plan_skill
 from geoskill.tracking import neighbor_flows
 from geoskill.training.prepare import prepare
 

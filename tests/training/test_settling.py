@@ -17,8 +17,9 @@ from geoskill.kernels.p2p import PointToPoint
 from geoskill.model.bilinear import Bilinear
 from geoskill.model.kernel_model import KernelModel
 from geoskill.model.scorer import Motif
+from geoskill.skill.build import build_skill
 from geoskill.skill.checkpoint import SimulatedScene
-from geoskill.skill.spec import build_skill, plan_skill
+from geoskill.skill.plan import plan_skill
 from geoskill.tracking.motion import Part, Trajectory
 from geoskill.training.error_changes import instance_goal_progress
 from geoskill.training.selected_frames import first_demonstration
