@@ -33,7 +33,9 @@ def with_each_video(arguments: Sequence[str]) -> list[str]:
     >>> with_each_video(["skill=RUN", "video=[a.mp4,b.mp4]", "threads=2"])
     ['-m', 'skill=RUN', 'video=a.mp4,b.mp4', 'threads=2', 'hydra/launcher=joblib']
     """
-    given = next((own.removeprefix("video=") for own in arguments if own.startswith("video=")), "")
+    given = next((own.removeprefix("video=") for own in arguments if own.startswith("video=")), None)
+    if given is None:
+        return list(arguments)
     videos = _videos_in(Path(given)) or listed_paths(given)
     if not videos or {"-m", "--multirun"} & set(arguments):
         return list(arguments)
@@ -47,12 +49,12 @@ def with_each_video(arguments: Sequence[str]) -> list[str]:
 
 def _videos_in(folder: Path) -> list[str]:
     """Return the videos of a folder that holds no pictures, in the order of their names; none of anything else."""
-    from geoskill.io.image_folder import IMAGE_SUFFIXES
-
     try:
         files = sorted(path for path in folder.iterdir() if not path.name.startswith(".") and path.is_file())
     except (OSError, ValueError):  # no folder
         return []
+    from geoskill.io.image_folder import IMAGE_SUFFIXES  # not before, for --help
+
     suffixes = {path.suffix.lower() for path in files}
     if suffixes & set(IMAGE_SUFFIXES):
         return []
