@@ -60,7 +60,8 @@ def decidability_line(metrics: Mapping[str, Any]) -> str | None:
         return None
     camera = found["one_camera"]
     line = (
-        f"determined by one camera: {camera['determined']} of {camera['of']} (x, y, z, and the turn about the vertical)"
+        f"determined by one camera, all associations together: {camera['determined']} of {camera['of']}"
+        " (x, y, z, and the turn about the vertical)"
     )
     if camera["free"]:
         line += f"; free: {', '.join(camera['free'])}"

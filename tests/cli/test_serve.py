@@ -29,8 +29,10 @@ def served(environment: dict[str, str], *arguments: str) -> "Iterator[tuple[subp
     """A server that is ready, and the port of its requests."""
     port = free_port()
     command = [sys.executable, "serve.py", f"bind=tcp://127.0.0.1:{port}", *arguments]
-    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, cwd=ROOT, env=environment, **pipes) as process:
+    settings: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # A shell starts what it runs in the background with SIGINT ignored, and a test run would hand that on.
+    settings["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, cwd=ROOT, env=environment, **settings) as process:
         try:
             assert process.stdout is not None
             for line in process.stdout:

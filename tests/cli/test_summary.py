@@ -25,12 +25,15 @@ def test_lines() -> None:
 def test_decidability_line() -> None:
     camera = {"determined": 3, "of": 4, "free": ["the turn"], "weak": [{"motion": "z", "mm": 21.04, "deg": 0.0}]}
     assert decidability_line({"decidability": {"one_camera": camera, "decidable": "no"}}) == (
-        "determined by one camera: 3 of 4 (x, y, z, and the turn about the vertical); free: the turn;"
-        " weak: z (21 mm, 0.0°); decidable: no"
+        "determined by one camera, all associations together: 3 of 4 (x, y, z, and the turn about the vertical);"
+        " free: the turn; weak: z (21 mm, 0.0°); decidable: no"
     )
     whole = {"determined": 4, "of": 4, "free": [], "weak": []}
     line = decidability_line({"decidability": {"one_camera": whole, "decidable": "yes"}})
-    assert line == "determined by one camera: 4 of 4 (x, y, z, and the turn about the vertical); decidable: yes"
+    assert line == (
+        "determined by one camera, all associations together: 4 of 4 (x, y, z, and the turn about the vertical);"
+        " decidable: yes"
+    )
     assert decidability_line({}) is None
     assert decidability_line({"decidability": None}) is None
 

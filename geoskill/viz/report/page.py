@@ -103,7 +103,7 @@ def _content(folder: Path, about: About, max_embedded_mb: float) -> dict[str, An
         "elsewhere": about.definition_folder is not None,
         "freedom": definition.get("degrees_of_freedom"),
         "phases": _phases(definition.get("phases")),
-        "decidability": pairs(definition.get("decidability") or metrics.get("decidability")),
+        "decidability": _decidability(as_mapping(definition.get("decidability") or metrics.get("decidability"))),
         "ends": [(title, picture(definition_folder / "definition" / name)) for title, name in ENDS],
         "video": video(folder / "overlay.mp4", max_embedded_mb),
         "frames": _frames(curves),
@@ -175,10 +175,12 @@ def _constraint(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, 
             {
                 "kind": f"{entry.get('kernel')}: {entry.get('meaning')}",
                 "features": entry.get("descriptor"),
-                "done within": with_unit(entry.get("goal_tolerance"), entry),
-                "how sure, on average": percent(entry.get("mean_confidence")),
-                "error at the start": with_unit(as_mapping(entry.get("error_norm")).get("at_start"), entry),
-                "error at the end": with_unit(as_mapping(entry.get("error_norm")).get("at_end"), entry),
+                "done when what is left to the goal is within": with_unit(entry.get("goal_tolerance"), entry),
+                "how sure of what it has learned, on average": percent(entry.get("mean_confidence")),
+                "distance at the start": with_unit(as_mapping(entry.get("error_norm")).get("at_start"), entry),
+                "distance at the end, which the goal takes into account": with_unit(
+                    as_mapping(entry.get("error_norm")).get("at_end"), entry
+                ),
                 "rows of the error": ", ".join(map(str, entry.get("error_rows") or [])),
                 "frames with it": f"{entry.get('frames_with_association')} of {entry.get('frames')}",
             }
@@ -201,6 +203,23 @@ def _constraint(folder: Path, name: str, entry: Mapping[str, Any]) -> dict[str, 
             for own in associations
         ],
     }
+
+
+def _decidability(found: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return what each view determines as the rows of a table, and whether the pictures decide the task."""
+    if not found:
+        return None
+    rows = []
+    for view in ("one_camera", "two_cameras", "depth"):
+        own = as_mapping(found.get(view))
+        if own:
+            weak = [
+                f"{motion.get('motion')} (to {motion.get('mm')} mm, {motion.get('deg')}°)"
+                for motion in map(as_mapping, own.get("weak") or [])
+            ]
+            free, badly = (", ".join(map(str, names)) or "nothing" for names in (own.get("free") or [], weak))
+            rows.append((view.replace("_", " "), f"{own.get('determined')} of {own.get('of')}", free, badly))
+    return {"rows": rows, "decidable": found.get("decidable")}
 
 
 def _phases(phases: Any) -> list[dict[str, Any]]:

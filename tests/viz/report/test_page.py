@@ -1,6 +1,7 @@
 """Tests of the page about a run, without a browser."""
 
 import base64
+import json
 import re
 import time
 from html.parser import HTMLParser
@@ -53,8 +54,8 @@ def test_page_says_what_the_run_holds(tmp_path: Path) -> None:
         "The features that were learned come together in the demonstration.",
         "One point comes onto another: a moved point and a resting point.",
         "moving point → resting point",
-        "done within3 px",
-        "error at the start290 px",
+        "done when what is left to the goal is within3 px",
+        "distance at the start290 px",
         "seen best in frame 12",
         "settles at 80 %; over when what is left of p2p_sift below 6",
         "How often associations of a confidence are right",
@@ -137,6 +138,24 @@ def test_page_of_a_definition_that_cannot_be_read(tmp_path: Path) -> None:
     text = "".join(Content(write_report(run, ABOUT).read_text(encoding="utf-8")).text)
     assert "Run run" in text
     assert "What the task is" not in text
+
+
+def test_what_is_determined_is_a_table_in_words(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run")
+    metrics = json.loads((run / "metrics.json").read_text())
+    weak = [{"motion": "the line of sight", "mm": 72.1, "deg": 1.06}]
+    metrics["decidability"] = {
+        "one_camera": {"determined": 3, "of": 4, "free": ["the turn"], "weak": weak},
+        "two_cameras": {"determined": 4, "of": 4, "free": [], "weak": []},
+        "depth": None,
+        "decidable": "with two cameras",
+    }
+    (run / "metrics.json").write_text(json.dumps(metrics))
+    text = " ".join("".join(Content(write_report(run, About("infer", [])).read_text(encoding="utf-8")).text).split())
+    assert "one camera3 of 4the turnthe line of sight (to 72.1 mm, 1.06°)" in text
+    assert "two cameras4 of 4nothingnothing" in text
+    assert "with two cameras." in text
+    assert "{'" not in text
 
 
 def test_page_of_a_study(tmp_path: Path) -> None:
