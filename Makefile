@@ -82,10 +82,12 @@ $(READY): pyproject.toml constraints.txt
 			echo "$(PYTHON) cannot make virtual environments; on Debian: sudo apt-get install python3-venv" >&2; \
 			exit 1; \
 		fi; }
-	@echo "installing into $(VENV), once; this takes some minutes" >&2
+	@echo "installing into $(VENV), once; this takes some minutes and 3 GB, more where PyTorch comes with CUDA" >&2
 	@$(PYTHON) -m venv $(VENV)
+	@echo "1 of 2: PyTorch" >&2
 # Alone and by its exact version, so that nothing else decides which build of PyTorch comes.
 	@$(PIP) "$$(grep '^torch==' constraints.txt)"
+	@echo "2 of 2: geoskill, and what it and its tests need" >&2
 	@$(PIP) --editable ".[dev]"
 # The simulated tasks are rendered through EGL, which is no Python package.
 	@$(RUN) -c 'import ctypes.util, sys; sys.exit(sys.platform == "linux" and not ctypes.util.find_library("EGL"))' || { \
