@@ -5,7 +5,6 @@ a background, however many features it has. Every map that is tried takes the an
 most of the other features agree with is taken. So the background never outvotes the thing. Nothing is drawn at random.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -53,10 +52,9 @@ class Matches:
     def __len__(self) -> int:
         return len(self.source)
 
-    def of_features(self, chosen: Callable[[Int[np.ndarray, " c"]], Bool[np.ndarray, " c"]]) -> "Matches":
-        """Return the matches of features that are chosen by their numbers."""
-        keep = chosen(self.feature)
-        return Matches(self.node_type, self.source[keep], self.target[keep], self.feature[keep])
+    def chosen(self, rows: Bool[np.ndarray, " c"] | Int[np.ndarray, " k"]) -> "Matches":
+        """Return some of the matches, by a mask or by their numbers."""
+        return Matches(self.node_type, self.source[rows], self.target[rows], self.feature[rows])
 
 
 def anchored_map(anchor: Matches, others: Matches, tolerance_px: float) -> Float64[np.ndarray, "3 3"] | None:

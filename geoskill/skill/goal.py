@@ -119,7 +119,8 @@ class GoalFinder:
     def _map(self, node: int, feature: int) -> Float64[np.ndarray, "3 3"] | None:
         """Return the map from the demonstration's end to this frame, anchored at a resting node."""
         kind = self._member.kernel.roles[node]
-        anchor = self._possible(kind).of_features(lambda own: own == feature)
+        anchor = self._possible(kind)
+        anchor = anchor.chosen(anchor.feature == feature)
         if len(anchor) == 0:
             return None
         if kind not in (NodeType.POINT, NodeType.LINE):  # of a plane or an ellipse, the center is its anchor
@@ -131,11 +132,11 @@ class GoalFinder:
         around = NodeType.POINT if NodeType.POINT in self._member.node_types else kind
         others = self._possible(around)
         if kind is around:
-            others = others.of_features(lambda own: own != feature)
+            others = others.chosen(others.feature != feature)
         else:  # every pair of points is tried, so the nearest have to do
             distance = np.linalg.norm(centers(others.source) - centers(anchor.source[:1]), axis=1)
             near = np.argsort(distance, kind="stable")[:40]
-            others = Matches(around, others.source[near], others.target[near], others.feature[near])
+            others = others.chosen(near)
         found = anchored_map(anchor, others, TOLERANCE_PX)
         if found is None:
             found = self._shift(kind, feature, anchor)
